@@ -1,0 +1,109 @@
+"""Actions with their pre- and post-conditions (paper, Table I).
+
+An action is the tuple (type, parameters, target position, target orientation, reference frame). What it *executes*
+is the pose of the end-effector; what a Place or Drop *achieves* is where the object's origin came to rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from learner.model.condition import (
+    DROP_RADIUS_M,
+    PLACE_RADIUS_M,
+    Condition,
+    GripperIs,
+    GripperState,
+    InGripper,
+    ObjectAt,
+    ObjectRoughlyAt,
+)
+from learner.model.names import NONE
+from learner.model.pose import Quaternion, Vector
+
+Conditions = frozenset[Condition]
+RELEASED: Conditions = frozenset({GripperIs("open"), InGripper(NONE)})
+
+
+@dataclass(frozen=True, order=True)
+class Pick:
+    """Move the end-effector to the pose in `frame`, close the gripper around `object`."""
+
+    object: str
+    frame: str
+    position: Vector
+    orientation: Quaternion
+
+    @property
+    def preconditions(self) -> Conditions:
+        return frozenset({GripperIs("open")})
+
+    @property
+    def postconditions(self) -> Conditions:
+        return frozenset({GripperIs("closed"), InGripper(self.object)})
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """Move the end-effector to the pose in `frame`, open the gripper: `object` rests at `rest` [m] in `frame`."""
+
+    object: str
+    frame: str
+    position: Vector
+    orientation: Quaternion
+    rest: Vector
+    radius: float = PLACE_RADIUS_M
+
+    @property
+    def achieves(self) -> ObjectAt:
+        return ObjectAt(self.object, self.frame, self.rest, self.radius)
+
+    @property
+    def preconditions(self) -> Conditions:
+        return frozenset({InGripper(self.object)})
+
+    @property
+    def postconditions(self) -> Conditions:
+        return RELEASED | {self.achieves}
+
+
+@dataclass(frozen=True, order=True)
+class Drop:
+    """As Place, from the height of the release: `object` comes to rest only roughly at `rest` [m] in `frame`."""
+
+    object: str
+    frame: str
+    position: Vector
+    orientation: Quaternion
+    rest: Vector
+    radius: float = DROP_RADIUS_M
+
+    @property
+    def achieves(self) -> ObjectRoughlyAt:
+        return ObjectRoughlyAt(self.object, self.frame, self.rest, self.radius)
+
+    @property
+    def preconditions(self) -> Conditions:
+        return frozenset({InGripper(self.object)})
+
+    @property
+    def postconditions(self) -> Conditions:
+        return RELEASED | {self.achieves}
+
+
+@dataclass(frozen=True, order=True)
+class SetGripper:
+    """Open or close the gripper where it is."""
+
+    state: GripperState
+
+    @property
+    def preconditions(self) -> Conditions:
+        return frozenset()
+
+    @property
+    def postconditions(self) -> Conditions:
+        return RELEASED if self.state == "open" else frozenset({GripperIs("closed")})
+
+
+Action = Pick | Place | Drop | SetGripper

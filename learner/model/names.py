@@ -1,0 +1,41 @@
+"""Names that come from outside: what the contract admits, refused where they enter."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from learner.errors import NameRefusedError
+
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", re.ASCII)
+RULE: Final = (
+    "names begin with a letter or digit, go on with letters, digits, '.', '_' or '-', and have at most 64 characters"
+)
+NONE: Final = "none"
+"""What the gripper holds when it holds nothing; no object may be called so (CONTRACT, Names)."""
+RESERVED: Final = {"cell": {"artifacts"}, "object": {NONE}}
+
+
+def check_name(kind: str, name: object) -> str:
+    """Return `name` if the contract admits it for `kind` ('cell', 'task', 'user', 'object' or 'frame').
+
+    Raises NameRefusedError otherwise, also for reserved names.
+    """
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise NameRefusedError(kind, name, RULE)
+    if name in RESERVED.get(kind, ()):
+        raise NameRefusedError(kind, name, "this name is reserved")
+    return name
+
+
+def check_alias(name: object) -> str:
+    """Return `name` if it may be an alias: a name that starts with a letter. Raises NameRefusedError."""
+    check_name("alias", name)
+    if not str(name)[0].isalpha():
+        raise NameRefusedError("alias", name, "an alias starts with a letter")
+    return str(name)
+
+
+def identifier(name: str) -> str:
+    """`name` as an ID of BehaviorTree.CPP: what is not a letter, a digit or '_' becomes '_' (CONTRACT, section 3)."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", name)

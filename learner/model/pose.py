@@ -1,0 +1,115 @@
+"""Poses: rigid transforms [m], quaternions xyzw, and the same algebra on arrays.
+
+The array functions broadcast over leading dimensions: positions are (..., 3), quaternions (..., 4).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from learner.errors import ModelError
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Array = NDArray[np.float64]
+
+IDENTITY_XYZW: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+def multiply(a_xyzw: Array, b_xyzw: Array) -> Array:
+    """Hamilton product (..., 4): the rotation b, then a."""
+    av, aw = a_xyzw[..., :3], a_xyzw[..., 3:]
+    bv, bw = b_xyzw[..., :3], b_xyzw[..., 3:]
+    vector = aw * bv + bw * av + np.cross(av, bv)
+    scalar = aw * bw - np.sum(av * bv, axis=-1, keepdims=True)
+    return np.concatenate([vector, scalar], axis=-1)
+
+
+def conjugate(quaternion_xyzw: Array) -> Array:
+    """The inverse rotation (..., 4) of unit quaternions."""
+    return np.asarray(quaternion_xyzw * np.array([-1.0, -1.0, -1.0, 1.0]))
+
+
+def rotate(quaternion_xyzw: Array, points: Array) -> Array:
+    """`points` (..., 3) turned by unit quaternions (..., 4)."""
+    axis, scalar = quaternion_xyzw[..., :3], quaternion_xyzw[..., 3:]
+    cross = 2.0 * np.cross(axis, points)
+    return np.asarray(points + scalar * cross + np.cross(axis, cross))
+
+
+def express(points: Array, frame_positions: Array, frame_quaternions_xyzw: Array) -> Array:
+    """`points` (..., 3) of the base in frames given by their poses in the base."""
+    return rotate(conjugate(frame_quaternions_xyzw), points - frame_positions)
+
+
+def angle_between(a_xyzw: Array, b_xyzw: Array) -> Array:
+    """Angle [rad] in [0, pi] of the rotation between unit quaternions (..., 4); q and -q are one rotation."""
+    relative = multiply(conjugate(a_xyzw), b_xyzw)
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(relative[..., :3], axis=-1), np.abs(relative[..., 3])))
+
+
+def mean_quaternion(quaternions_xyzw: Array) -> Array:
+    """Mean (4,) on the rotation group of quaternions (n, 4), signs ignored.
+
+    The eigenvector of the largest eigenvalue of the sum of outer products (Markley et al. 2007, equation 12),
+    with w >= 0.
+    """
+    outer = np.einsum("ni,nj->ij", quaternions_xyzw, quaternions_xyzw)
+    mean = np.linalg.eigh(outer)[1][:, -1]
+    return np.asarray(-mean if mean[3] < 0 else mean)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose of a frame in another: `position` [m] and a unit `quaternion_xyzw`.
+
+    The quaternion is normalised at construction; ModelError if it has no direction or a number is not finite.
+    """
+
+    position: Vector
+    quaternion_xyzw: Quaternion = IDENTITY_XYZW
+
+    def __post_init__(self) -> None:
+        position = _finite(self.position, 3, "position")
+        quaternion = _finite(self.quaternion_xyzw, 4, "quaternion")
+        norm = math.sqrt(sum(value * value for value in quaternion))
+        if norm < 1e-6:
+            raise ModelError(f"the quaternion {quaternion} has no direction")
+        if abs(norm - 1.0) > 1e-12:
+            quaternion = tuple(value / norm for value in quaternion)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "quaternion_xyzw", quaternion)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """`pose_a_in_base @ pose_b_in_a` is `pose_b_in_base`."""
+        quaternion = np.array(self.quaternion_xyzw)
+        position = np.array(self.position) + rotate(quaternion, np.array(other.position))
+        return Pose.of(position, multiply(quaternion, np.array(other.quaternion_xyzw)))
+
+    def inverse(self) -> Pose:
+        """`pose_a_in_base.inverse()` is `pose_base_in_a`."""
+        quaternion = conjugate(np.array(self.quaternion_xyzw))
+        return Pose.of(-rotate(quaternion, np.array(self.position)), quaternion)
+
+    def apply(self, point: Sequence[float] | Array) -> Vector:
+        """A point (3,) of this frame, in the frame in which this pose is given."""
+        turned = rotate(np.array(self.quaternion_xyzw), np.asarray(point, dtype=np.float64))
+        x, y, z = (np.array(self.position) + turned).tolist()
+        return (x, y, z)
+
+    @staticmethod
+    def of(position: Sequence[float] | Array, quaternion_xyzw: Sequence[float] | Array) -> Pose:
+        """A pose from any sequences of three and four numbers."""
+        return Pose(tuple(float(v) for v in position), tuple(float(v) for v in quaternion_xyzw))  # type: ignore[arg-type]  # lengths are checked at construction
+
+
+def _finite(values: Sequence[float], length: int, what: str) -> tuple[float, ...]:
+    numbers = tuple(float(value) for value in values)
+    if len(numbers) != length or not all(math.isfinite(number) for number in numbers):
+        raise ModelError(f"a {what} is {length} finite numbers, not {tuple(values)}")
+    return numbers

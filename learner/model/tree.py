@@ -1,0 +1,314 @@
+"""Behavior trees as plain data, with canonical JSON and a digest (CONTRACT, section 3).
+
+A `Tree` is a main definition and the SubTrees that it uses. Every node has a `kind`, `ports` and `children`; a leaf's
+ports are values, or, inside a SubTree, references `{port}` to the ports of that SubTree.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from learner.errors import TreeError
+from learner.model.action import Action, Drop, Pick, Place, SetGripper
+from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt
+
+Value = str | float | tuple[float, ...]
+
+FORMAT: Final = "treewright.tree/1"
+POSE: Final = ("object", "frame", "position", "orientation")
+SPOT: Final = ("object", "frame", "position", "radius")
+CONDITIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    "GripperIs": ("state",),
+    "InGripper": ("object",),
+    "ObjectAt": SPOT,
+    "ObjectRoughlyAt": SPOT,
+}
+ACTIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    "Pick": POSE,
+    "Place": POSE,
+    "Drop": POSE,
+    "SetGripper": ("state",),
+}
+LEAVES: Final = {**CONDITIONS, **ACTIONS}
+SEQUENCES: Final = ("Sequence", "ReactiveSequence")
+FALLBACKS: Final = ("Fallback", "ReactiveFallback")
+DECORATORS: Final = ("Inverter", "ForceSuccess", "ForceFailure")
+SUBTREE: Final = "SubTree"
+RECOVERY_PREFIX: Final = "Recover_"
+IDENTIFIER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+REFERENCE: Final = re.compile(r"\{([A-Za-z_][A-Za-z0-9_]*)\}", re.ASCII)
+MAX_DEPTH: Final = 250
+"""BehaviorTree.CPP 4.10 refuses deeper nesting (CONTRACT, section 3: below 250)."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node: its `kind` in the contract's vocabulary, sorted `ports`, and `children`. A SubTree has its `id`."""
+
+    kind: str
+    ports: tuple[tuple[str, Value], ...] = ()
+    children: tuple[Node, ...] = ()
+    id: str | None = None
+
+    def port(self, name: str) -> Value:
+        """The value of a port. Raises KeyError if there is none."""
+        return dict(self.ports)[name]
+
+    def walk(self) -> Iterator[Node]:
+        """This node and all below it, depth first, left to right."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+    @property
+    def size(self) -> int:
+        """The number of nodes from here down."""
+        return sum(1 for _ in self.walk())
+
+    @property
+    def depth(self) -> int:
+        """The number of levels from here down."""
+        return 1 + max((child.depth for child in self.children), default=0)
+
+
+def leaf(word: Condition | Action) -> Node:
+    """The leaf of a condition or an action: its ports are exactly those of the contract."""
+    match word:
+        case GripperIs() | SetGripper():
+            values: dict[str, Value] = {"state": word.state}
+        case InGripper():
+            values = {"object": word.object}
+        case ObjectAt() | ObjectRoughlyAt():
+            values = {
+                "object": word.object,
+                "frame": word.frame,
+                "position": word.position,
+                "radius": word.radius,
+            }
+        case Pick() | Place() | Drop():
+            values = {
+                "object": word.object,
+                "frame": word.frame,
+                "position": word.position,
+                "orientation": word.orientation,
+            }
+    return Node(type(word).__name__, tuple(sorted(values.items())))
+
+
+def sequence(*children: Node, reactive: bool = True) -> Node:
+    """A (Reactive)Sequence."""
+    return Node("ReactiveSequence" if reactive else "Sequence", (), children)
+
+
+def fallback(*children: Node, reactive: bool = True) -> Node:
+    """A (Reactive)Fallback."""
+    return Node("ReactiveFallback" if reactive else "Fallback", (), children)
+
+
+def subtree(tree_id: str, **ports: Value) -> Node:
+    """A use of the SubTree `tree_id` with its ports filled in."""
+    return Node(SUBTREE, tuple(sorted(ports.items())), (), tree_id)
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A named tree with the ports that its leaves may refer to."""
+
+    id: str
+    root: Node
+    ports: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A main definition and the SubTrees that it uses, sorted by ID.
+
+    Raises TreeError at construction for anything that the contract's vocabulary does not know.
+    """
+
+    main: Definition
+    subtrees: tuple[Definition, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "subtrees", tuple(sorted(self.subtrees, key=lambda definition: definition.id)))
+        _check(self)
+
+    @property
+    def definitions(self) -> Mapping[str, Definition]:
+        return {definition.id: definition for definition in (self.main, *self.subtrees)}
+
+    def flattened(self, recovery: bool = True) -> Node:
+        """The root with every SubTree replaced by its own root, ports filled in.
+
+        Without `recovery`, the SubTrees that only recover (CONTRACT, section 3) are left out.
+        """
+        return _flatten(self.main.root, self.definitions, {}, recovery)
+
+    @property
+    def nodes(self) -> int:
+        """The size of the flattened tree without what only recovers."""
+        return self.flattened(recovery=False).size
+
+    @property
+    def nodes_recovery(self) -> int:
+        """How many nodes of the flattened tree only recover from what was not demonstrated."""
+        return self.flattened().size - self.nodes
+
+    @property
+    def nodes_written(self) -> int:
+        """How many nodes the written file has, a SubTree's own nodes counted once."""
+        return sum(definition.root.size for definition in self.definitions.values())
+
+    def objects(self) -> frozenset[str]:
+        """Every object that a leaf names, `none` left out."""
+        names = {str(dict(node.ports)["object"]) for node in self.flattened().walk() if "object" in dict(node.ports)}
+        return frozenset(names - {"none"})
+
+    def frames(self) -> frozenset[str]:
+        """Every frame that a leaf names."""
+        return frozenset(str(dict(n.ports)["frame"]) for n in self.flattened().walk() if "frame" in dict(n.ports))
+
+    def to_json(self) -> str:
+        """Canonical JSON: keys sorted, no spaces, numbers as Python's shortest form. Equal trees, equal bytes."""
+        document = {
+            "format": FORMAT,
+            "main": self.main.id,
+            "trees": {key: _definition_to_data(value) for key, value in self.definitions.items()},
+        }
+        return json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+    @staticmethod
+    def from_json(text: str | bytes) -> Tree:
+        """The tree of `to_json`. Raises TreeError for anything else."""
+        try:
+            document = json.loads(text)
+            if document["format"] != FORMAT:
+                raise TreeError(f"this is a tree of format {document['format']!r}, not {FORMAT!r}")
+            trees = {key: _definition_from_data(key, value) for key, value in document["trees"].items()}
+            main = trees.pop(document["main"])
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise TreeError(f"this is not a tree in JSON: {error}") from error
+        return Tree(main, tuple(trees.values()))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the canonical JSON, in hexadecimal."""
+        return hashlib.sha256(self.to_json().encode()).hexdigest()
+
+
+def _flatten(node: Node, definitions: Mapping[str, Definition], values: Mapping[str, Value], recovery: bool) -> Node:
+    ports = tuple((name, _resolve(value, values)) for name, value in node.ports)
+    if node.kind == SUBTREE:
+        return _flatten(definitions[str(node.id)].root, definitions, dict(ports), recovery)
+    kept = [child for child in node.children if recovery or not is_recovery(child)]
+    return Node(node.kind, ports, tuple(_flatten(child, definitions, values, recovery) for child in kept))
+
+
+def is_recovery(node: Node) -> bool:
+    """Whether the node stands only for recovery from what was not demonstrated."""
+    return node.kind == SUBTREE and str(node.id).startswith(RECOVERY_PREFIX)
+
+
+def _resolve(value: Value, values: Mapping[str, Value]) -> Value:
+    reference = REFERENCE.fullmatch(value) if isinstance(value, str) else None
+    return values[reference[1]] if reference else value
+
+
+def _check(tree: Tree) -> None:
+    if len(tree.definitions) != 1 + len(tree.subtrees):
+        raise TreeError("two SubTrees have one ID")
+    for definition in tree.definitions.values():
+        if not IDENTIFIER.fullmatch(definition.id):
+            raise TreeError(f"a tree's ID has letters, digits and '_' only, not {definition.id!r}")
+        for node in definition.root.walk():
+            _check_node(node, definition, tree.definitions)
+    _check_cycles(tree.main, tree.definitions, ())
+    depth = tree.flattened().depth
+    if depth >= MAX_DEPTH:
+        raise TreeError(f"the tree {tree.main.id} nests {depth} levels deep; BehaviorTree.CPP admits {MAX_DEPTH - 1}")
+
+
+def _check_node(node: Node, definition: Definition, definitions: Mapping[str, Definition]) -> None:
+    ports, wanted = [name for name, _ in node.ports], _ports_of(node, definitions)
+    if sorted(ports) != sorted(wanted):
+        raise TreeError(f"{node.kind} {node.id or ''} in {definition.id} has the ports {ports}, not {list(wanted)}")
+    for name, value in node.ports:
+        reference = REFERENCE.fullmatch(value) if isinstance(value, str) else None
+        if reference and reference[1] not in definition.ports:
+            raise TreeError(f"{node.kind} in {definition.id} refers to {value}, which is no port of it")
+        if not reference:
+            _check_value(node, name, value)
+    children = len(node.children)
+    if node.kind in LEAVES or node.kind == SUBTREE:
+        fits = children == 0
+    else:
+        fits = children == 1 if node.kind in DECORATORS else children >= 1
+    if not fits:
+        raise TreeError(f"{node.kind} in {definition.id} cannot have {children} children")
+
+
+def _check_value(node: Node, name: str, value: Value) -> None:
+    lengths = {"position": 3, "orientation": 4}
+    if name in lengths:
+        fits = isinstance(value, tuple) and len(value) == lengths[name]
+    elif name == "radius":
+        fits = isinstance(value, float) and value > 0
+    elif name == "state":
+        fits = value in ("open", "closed")
+    else:
+        fits = isinstance(value, str) or node.kind == SUBTREE
+    if not fits:
+        raise TreeError(f"{node.kind} cannot have {name} = {value!r}")
+
+
+def _ports_of(node: Node, definitions: Mapping[str, Definition]) -> tuple[str, ...]:
+    if node.kind in LEAVES:
+        return LEAVES[node.kind]
+    if node.kind == SUBTREE:
+        if node.id not in definitions:
+            raise TreeError(f"no SubTree {node.id!r}; defined are {', '.join(definitions)}")
+        return definitions[str(node.id)].ports
+    if node.kind in (*SEQUENCES, *FALLBACKS, *DECORATORS):
+        return ()
+    raise TreeError(f"{node.kind!r} is no node of the contract, section 3")
+
+
+def _check_cycles(definition: Definition, definitions: Mapping[str, Definition], above: tuple[str, ...]) -> None:
+    if definition.id in above:
+        raise TreeError(f"the SubTree {definition.id} contains itself")
+    used = {str(node.id) for node in definition.root.walk() if node.kind == SUBTREE}
+    for name in sorted(used):
+        _check_cycles(definitions[name], definitions, (*above, definition.id))
+
+
+def _definition_to_data(definition: Definition) -> dict[str, Any]:
+    return {"ports": list(definition.ports), "root": _node_to_data(definition.root)}
+
+
+def _definition_from_data(tree_id: str, data: Mapping[str, Any]) -> Definition:
+    return Definition(tree_id, _node_from_data(data["root"]), tuple(data["ports"]))
+
+
+def _node_to_data(node: Node) -> dict[str, Any]:
+    data: dict[str, Any] = {"node": node.kind}
+    if node.ports:
+        data["ports"] = {name: list(value) if isinstance(value, tuple) else value for name, value in node.ports}
+    if node.children:
+        data["children"] = [_node_to_data(child) for child in node.children]
+    if node.id is not None:
+        data["id"] = node.id
+    return data
+
+
+def _node_from_data(data: Mapping[str, Any]) -> Node:
+    ports = {
+        name: tuple(float(number) for number in value) if isinstance(value, list) else value
+        for name, value in data.get("ports", {}).items()
+    }
+    children = tuple(_node_from_data(child) for child in data.get("children", ()))
+    return Node(data["node"], tuple(sorted(ports.items())), children, data.get("id"))

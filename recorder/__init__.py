@@ -1,0 +1,1 @@
+"""The shop-floor edge: Zenoh in, one MCAP file per demonstration out."""
