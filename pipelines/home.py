@@ -1,0 +1,50 @@
+"""Where all data lies: the folders below TREEWRIGHT_HOME (CONTRACT, section 4)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Home:
+    """The data root and the folders in it."""
+
+    root: Path
+
+    @staticmethod
+    def of(environment: Mapping[str, str]) -> Home:
+        """The data root that the environment names, else `./treewright-data`; absolute."""
+        return Home(Path(environment.get("TREEWRIGHT_HOME") or "treewright-data").absolute())
+
+    @staticmethod
+    def current() -> Home:
+        """The data root of this process."""
+        return Home.of(os.environ)
+
+    @property
+    def recordings(self) -> Path:
+        """Finished MCAP files, `<cell>/<demonstration_id>.mcap`; open ones end in `.mcap.part` beside them."""
+        return self.root / "recordings"
+
+    @property
+    def lake(self) -> Path:
+        """The Delta tables of demonstrations, and the quarantine's records."""
+        return self.root / "lake"
+
+    @property
+    def store(self) -> Path:
+        """The artifact store: its SQLite database and content-addressed files."""
+        return self.root / "store"
+
+    @property
+    def traces(self) -> Path:
+        """What controllers did, one JSON Lines file a run."""
+        return self.root / "traces"
+
+    @property
+    def prefect(self) -> Path:
+        """PREFECT_HOME of a server that treewright starts."""
+        return self.root / "prefect"

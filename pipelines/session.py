@@ -1,0 +1,64 @@
+"""Zenoh sessions are opened here and handed down: from options, the environment, or a configuration file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from pipelines.errors import CommandError, UnreachableError
+
+if TYPE_CHECKING:
+    import zenoh
+
+
+def add_zenoh_arguments(parser: argparse.ArgumentParser) -> None:
+    """The three options of every command that talks Zenoh (CONTRACT, section 4)."""
+    group = parser.add_argument_group("Zenoh")
+    group.add_argument("--connect", action="append", metavar="EP", help="endpoint to connect to (TREEWRIGHT_CONNECT)")
+    group.add_argument("--listen", action="append", metavar="EP", help="endpoint to listen on (TREEWRIGHT_LISTEN)")
+    group.add_argument("--zenoh-config", metavar="FILE", help="configuration file (TREEWRIGHT_ZENOH_CONFIG)")
+
+
+@contextmanager
+def open_session(
+    arguments: argparse.Namespace, environment: Mapping[str, str] = os.environ, mode: str | None = None
+) -> Iterator[zenoh.Session]:
+    """An open session, closed at the end of the block.
+
+    Options win over the environment (lists separated by commas), which wins over the configuration file. Where an
+    endpoint is named, multicast scouting is off: the network is what was named. `mode` ('peer', 'client', 'router')
+    overrides the configuration's.
+
+    Raises CommandError for a configuration that Zenoh refuses, UnreachableError if an endpoint does not answer.
+    """
+    import zenoh
+
+    zenoh.init_log_from_env_or("error")
+    connect, listen = (
+        getattr(arguments, name) or [part for part in environment.get(variable, "").split(",") if part]
+        for name, variable in (("connect", "TREEWRIGHT_CONNECT"), ("listen", "TREEWRIGHT_LISTEN"))
+    )
+    file = arguments.zenoh_config or environment.get("TREEWRIGHT_ZENOH_CONFIG")
+    try:
+        config = zenoh.Config.from_file(file) if file else zenoh.Config()
+        config.insert_json5("timestamping/enabled", "true")
+        for key, endpoints in (("connect/endpoints", connect), ("listen/endpoints", listen)):
+            if endpoints:
+                config.insert_json5(key, json.dumps(endpoints))
+                config.insert_json5("scouting/multicast/enabled", "false")
+        if mode:
+            config.insert_json5("mode", json.dumps(mode))
+    except (zenoh.ZError, OSError) as error:
+        where = f"the configuration {file}" if file else f"the endpoints {[*connect, *listen]}"
+        raise CommandError(f"Zenoh refuses {where}: {error}") from error
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        named = ", ".join([*connect, *listen]) or "the network"
+        raise UnreachableError(f"cannot open a Zenoh session on {named}: {error}") from error
+    with session:
+        yield session
