@@ -75,3 +75,5 @@ class Demonstration:
     messages_lost: Mapping[str, int | None] | None = None
     scene: Scene | None = None
     warnings: tuple[str, ...] = ()
+    gaps: tuple[str, ...] = ()
+    """Sentences about messages lost near an action; learning leaves such a demonstration out unless told."""
