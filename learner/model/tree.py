@@ -117,11 +117,14 @@ def subtree(tree_id: str, **ports: Value) -> Node:
 
 @dataclass(frozen=True)
 class Definition:
-    """A named tree with the ports that its leaves may refer to."""
+    """A named tree with the ports that its leaves may refer to, sorted: their order has no meaning."""
 
     id: str
     root: Node
     ports: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ports", tuple(sorted(self.ports)))
 
 
 @dataclass(frozen=True)
