@@ -1,8 +1,8 @@
 """The real BehaviorTree.CPP (behaviortreepy) as a judge: our trees loaded and ticked there.
 
 behaviortreepy cannot declare the ports of a node, and BehaviorTree.CPP refuses attributes that are no declared ports.
-So leaves are rewritten to nodes `BareCondition` and `BareAction` without attributes; everything else is ticked by C++ as it
-stands in the document. Which leaf a callback is for tells its UID: BehaviorTree.CPP numbers the nodes from 1 in
+So leaves are rewritten to nodes `BareCondition` and `BareAction` without attributes; everything else is ticked by C++
+as it stands in the document. Which leaf a callback is for tells its UID: BehaviorTree.CPP numbers the nodes from 1 in
 depth-first order, a SubTree before what it contains. What a leaf's port `{name}` refers to is looked up in the
 blackboard that BehaviorTree.CPP built for that SubTree, and must be what the flattened tree says.
 """
