@@ -2,8 +2,8 @@
 
 py_trees 2.6 has BehaviorTree.CPP's nodes under other names. What has to be bridged:
 
-- ReactiveSequence is `Sequence(memory=False)`, ReactiveFallback `Selector(memory=False)`; Sequence and Fallback are they
-  with memory; ForceSuccess is FailureIsSuccess, ForceFailure SuccessIsFailure (both pass RUNNING on).
+- ReactiveSequence is `Sequence(memory=False)`, ReactiveFallback is `Selector(memory=False)`; Sequence and Fallback are
+  they with memory; ForceSuccess is FailureIsSuccess, ForceFailure SuccessIsFailure (both pass RUNNING on).
 - py_trees invalidates children also when they have ended, as tidying before the next round. BehaviorTree.CPP halts only
   what is RUNNING; so a leaf tells the world of a halt only then.
 - py_trees has no word for the root's end: a behaviour that is not RUNNING begins anew by itself, as
