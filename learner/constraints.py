@@ -1,0 +1,74 @@
+"""Task constraints and goals, as the paper infers them (section III-D)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from typing import TypeVar
+
+from learner.model import Action, Condition, ObjectAt, ObjectRoughlyAt, compatible
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+def orders(sequences: Collection[Sequence[Key]]) -> set[tuple[Key, Key]]:
+    """Every pair (a, b) with a seen before b in some sequence and never after it."""
+    seen = {
+        (a, b)
+        for sequence in sequences
+        for place, a in enumerate(sequence)
+        for b in sequence[place + 1 :]
+        if a != b
+    }  # fmt: skip
+    return {(a, b) for a, b in seen if (b, a) not in seen}
+
+
+def guards(
+    key: Key, actions: Mapping[Key, Action], sequences: Collection[Sequence[Key]]
+) -> tuple[Condition, ...]:  # fmt: skip
+    """The conditions that the demonstrated order makes preconditions of the action `key`, the oldest first.
+
+    Those are the positions that earlier actions achieved, unless they are incompatible with the action's own
+    conditions; of two that conflict, the one closer to the action in the demonstration wins. What the gripper holds
+    is left out: it lasts only until the next action, whose own preconditions say it.
+    """
+    before = {a for a, b in orders(sequences) if b == key}
+    own = actions[key].preconditions | actions[key].postconditions
+    found: dict[Condition, None] = {}
+    for sequence in sequences:
+        if key not in sequence:
+            continue
+        for earlier in reversed(sequence[: list(sequence).index(key)]):
+            for condition in _positions(actions[earlier]):
+                if earlier in before and all(compatible(condition, other) for other in (*own, *found)):
+                    found[condition] = None
+    ranks = {c: _rank(c, actions, sequences) for c in found}
+    return tuple(sorted(found, key=lambda condition: (ranks[condition], repr(condition))))
+
+
+def goals(sequence: Sequence[Key], actions: Mapping[Key, Action]) -> tuple[Condition, ...]:
+    """The goal of one demonstration: post-conditions gathered from its end backwards while compatible.
+
+    In the order in which they were achieved; the gripper's come last.
+    """
+    found: dict[Condition, None] = {}
+    for key in reversed(sequence):
+        for condition in sorted(actions[key].postconditions, key=repr):
+            if all(compatible(condition, other) for other in found):
+                found[condition] = None
+    positions = [condition for condition in found if isinstance(condition, ObjectAt | ObjectRoughlyAt)]
+    return (*reversed(positions), *(condition for condition in found if condition not in positions))
+
+
+def _positions(action: Action) -> list[Condition]:
+    return [condition for condition in action.postconditions if isinstance(condition, ObjectAt | ObjectRoughlyAt)]
+
+
+def _rank(condition: Condition, actions: Mapping[Key, Action], sequences: Collection[Sequence[Key]]) -> float:
+    """How early in the demonstrations a condition was achieved, on average."""
+    places = [
+        place / len(sequence)
+        for sequence in sequences
+        for place, key in enumerate(sequence)
+        if condition in actions[key].postconditions
+    ]
+    return sum(places) / len(places)

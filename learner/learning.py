@@ -1,0 +1,39 @@
+"""From demonstrations to a tree: the registry of methods, and the one call that the pipelines make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from learner.errors import NothingLearnedError
+from learner.learned import Learned
+from learner.model import Demonstration
+from learner.paper import learn_plainly
+from learner.parameters import Parameters
+
+Method = Callable[[Sequence[Demonstration], Parameters], Learned]
+
+METHODS: Final[Mapping[str, Method]] = {"paper": learn_plainly}
+DEFAULT_METHOD: Final = "paper"
+
+
+def learn(
+    demonstrations: Sequence[Demonstration], parameters: Parameters | None = None, method: str = DEFAULT_METHOD
+) -> Learned:
+    """The tree that `method` learns from demonstrations of one task; the same input gives the same bytes.
+
+    The order in which the demonstrations come does not matter. Raises NothingLearnedError for no demonstrations,
+    for demonstrations of several tasks or base frames, for an unknown method, and where no tree follows.
+    """
+    if method not in METHODS:
+        raise NothingLearnedError(f"no method {method!r}; there are {', '.join(METHODS)}")
+    if not demonstrations:
+        raise NothingLearnedError("there is no demonstration to learn from")
+    for what in ("task", "base_frame", "end_effector_frame"):
+        names = sorted({getattr(demonstration, what) for demonstration in demonstrations})
+        if len(names) > 1:
+            raise NothingLearnedError(
+                f"the demonstrations differ in their {what.replace('_', ' ')}: {', '.join(names)}"
+            )
+    ordered = sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
+    return METHODS[method](ordered, parameters or Parameters())

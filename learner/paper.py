@@ -1,0 +1,152 @@
+"""The published method, plain: cluster, infer constraints and goals, backchain (paper, section III).
+
+Kept beside ours as `--method paper`. Where the paper is silent it does what the authors' code was measured to do:
+see learner.parameters.PaperParameters. Known to fail in ways that learner.treewright repairs.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from learner.backchaining import Operator, Planner
+from learner.clustering import Cluster, clusters_in_frame
+from learner.constraints import goals, guards
+from learner.learned import Learned, main_definition
+from learner.model import Action, Demonstration, Drop, Pick, Place, SetGripper, Tree
+from learner.model.condition import GripperState
+from learner.model.tree import Node, fallback
+from learner.parameters import PaperParameters, Parameters
+from learner.rounding import rounded_pose, rounded_vector
+from learner.samples import Sample, candidate_frames, positions_in, samples_of
+
+Identity = tuple[Any, ...]
+"""What makes two demonstrated actions equal: type, object, and the clusters that they lie in."""
+
+
+def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
+    """The tree of the published method. Raises NothingLearnedError if the planner does not reach the goal."""
+    numbers = parameters.paper
+    samples = samples_of(demonstrations)
+    identities, clusters = identify(samples, len(demonstrations), numbers)
+    actions = {key: _action(key, clusters.get(key), samples, identities, numbers) for key in set(identities)}
+    sequences: list[list[Identity]] = [[] for _ in demonstrations]
+    for sample, identity in zip(samples, identities, strict=True):
+        sequences[sample.demonstration].append(identity)
+    groups = _groups(sequences, actions)
+    roots = [_plan(group, actions, numbers) for group in groups]
+    root = roots[0] if len(roots) == 1 else fallback(*roots, reactive=False)
+    report = {
+        "groups": [{"demonstrations": sorted(_members(group, sequences, demonstrations))} for group in groups],
+        "actions": [_describe(action) for action in sorted(actions.values(), key=repr)],
+    }
+    return Learned(Tree(main_definition(demonstrations, root)), report, ())
+
+
+def identify(
+    samples: Sequence[Sample], demonstrations: int, numbers: PaperParameters
+) -> tuple[list[Identity], dict[Identity, Cluster]]:
+    """The identity of every sample, and the cluster of every identity that has one (section III-E)."""
+    classes: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for number, sample in enumerate(samples):
+        classes[sample.action.type, sample.action.object].append(number)
+    identities: list[Identity] = [()] * len(samples)
+    best: dict[Identity, Cluster] = {}
+    for (kind, name), members in sorted(classes.items()):
+        memberships = _memberships(samples, members, numbers.samples_for(demonstrations), numbers.eps_m)
+        for number in members:
+            ranked = memberships[number]
+            identity: Identity = (kind, name, "alone", number)
+            if ranked:
+                context = ranked[1:2] if _tells_contexts(ranked, demonstrations, numbers) else []
+                identity = (kind, name, *((c.frame, c.members) for c in (ranked[0], *context)))
+                best[identity] = ranked[0]
+            identities[number] = identity
+    return identities, best
+
+
+def _memberships(
+    samples: Sequence[Sample], members: Sequence[int], min_samples: int, eps_m: float
+) -> dict[int, list[Cluster]]:
+    """For each sample the clusters that it lies in, the best first."""
+    found: dict[int, list[Cluster]] = {number: [] for number in members}
+    for frame in candidate_frames(samples[number] for number in members):
+        known, points = positions_in(frame, samples, members, "target")
+        for cluster in clusters_in_frame(frame, known, points, eps_m, min_samples):
+            for number in cluster.members:
+                found[number].append(cluster)
+    return {number: sorted(of, key=lambda c: (-c.score, c.frame, c.members)) for number, of in found.items()}
+
+
+def _tells_contexts(ranked: Sequence[Cluster], demonstrations: int, numbers: PaperParameters) -> bool:
+    return len(ranked) > 1 and ranked[1].score >= numbers.context_score_per_demonstration * demonstrations
+
+
+def _action(
+    key: Identity,
+    cluster: Cluster | None,
+    samples: Sequence[Sample],
+    identities: Sequence[Identity],
+    numbers: PaperParameters,
+) -> Action:
+    """The action of an identity: the first of its samples is executed, the mean of the rests is achieved."""
+    members = [samples[number] for number, identity in enumerate(identities) if identity == key]
+    frame = cluster.frame if cluster else members[0].base_frame
+    target = rounded_pose(members[0].target(frame))
+    name = members[0].action.object
+    if members[0].action.type == "pick":
+        return Pick(name, frame, target.position, target.quaternion_xyzw)
+    rest = rounded_vector(np.mean([sample.rest(frame).position for sample in members], axis=0))
+    if members[0].action.type == "place":
+        return Place(name, frame, target.position, target.quaternion_xyzw, rest, numbers.place_radius_m)
+    return Drop(name, frame, target.position, target.quaternion_xyzw, rest, numbers.drop_radius_m)
+
+
+def _groups(
+    sequences: Sequence[Sequence[Identity]], actions: dict[Identity, Action]
+) -> list[list[Sequence[Identity]]]:  # fmt: skip
+    """Demonstrations with equal goals, the larger group first, then the one seen first."""
+    groups: dict[frozenset[Any], list[Sequence[Identity]]] = defaultdict(list)
+    for sequence in sequences:
+        groups[frozenset(goals(sequence, actions))].append(sequence)
+    return sorted(groups.values(), key=lambda group: -len(group))
+
+
+def _plan(group: Sequence[Sequence[Identity]], actions: dict[Identity, Action], numbers: PaperParameters) -> Node:
+    used = {key for sequence in group for key in sequence}
+    costs = {Pick: numbers.pick_cost, Place: numbers.place_cost, Drop: numbers.place_cost}
+    operators = [
+        Operator(
+            actions[key],
+            (*guards(key, actions, group), *sorted(actions[key].preconditions, key=repr)),
+            actions[key].postconditions,
+            costs[type(actions[key])],
+        )
+        for key in sorted(used, key=repr)
+    ]
+    states: tuple[GripperState, ...] = ("open", "closed")
+    for state in states:
+        action = SetGripper(state)
+        operators.append(Operator(action, (), action.postconditions, numbers.set_gripper_cost))
+    return Planner(goals(group[0], actions), operators, numbers.rollouts).plan()
+
+
+def _members(
+    group: Sequence[Sequence[Identity]],
+    sequences: Sequence[Sequence[Identity]],
+    demonstrations: Sequence[Demonstration],
+) -> list[str]:
+    inside = {id(sequence) for sequence in group}
+    return [
+        demonstration.demonstration_id
+        for sequence, demonstration in zip(sequences, demonstrations, strict=True)
+        if id(sequence) in inside
+    ]
+
+
+def _describe(action: Action) -> dict[str, Any]:
+    frame = None if isinstance(action, SetGripper) else action.frame
+    return {"type": type(action).__name__, "object": getattr(action, "object", None), "frame": frame}

@@ -1,0 +1,89 @@
+"""Every number of the method, named, with the paper's default or the measurement that it comes from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
+
+
+@dataclass(frozen=True)
+class PaperParameters:
+    """The published method. Sources: the paper, sections III-B to III-E; its reference code, measured."""
+
+    eps_m: float = 0.08
+    """DBSCAN's neighbourhood (reference code)."""
+    min_samples: int = 3
+    """At least so many actions make a cluster (section III-E)."""
+    context_score_per_demonstration: float = 20.0
+    """Above this score times the number of demonstrations a second cluster tells contexts apart (reference code)."""
+    pick_cost: float = 20.0
+    place_cost: float = 20.0
+    set_gripper_cost: float = 2.0
+    """Costs of the actions (reference code)."""
+    rollouts: int = 50
+    """So many runs in the planner's world before it gives up (reference code)."""
+    place_radius_m: float = PLACE_RADIUS_M
+    drop_radius_m: float = DROP_RADIUS_M
+
+    def samples_for(self, demonstrations: int) -> int:
+        """The samples that make a cluster: a majority above three demonstrations (reference code)."""
+        return self.min_samples if demonstrations <= 3 else demonstrations // 2 + 1
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Our method's numbers; `paper` holds those of the plain method."""
+
+    paper: PaperParameters = PaperParameters()
+
+    eps_place_m: float = 0.03
+    """Neighbourhood of placements: ten times the hand's noise of 3 mm, below the 5 cm between two stacked cubes."""
+    eps_wide_m: float = 0.08
+    """Neighbourhood where the narrow one finds nothing, and of what was dropped (the paper's)."""
+    min_samples: int = 3
+    """At least so many actions make a cluster (paper, section III-E)."""
+    min_share: float = 0.3
+    """A cluster needs this share of the demonstrations, and of the users where there are several."""
+    noise_floor_m: float = 0.003
+    """Added to a cluster's radius in its score, so that a chance coincidence below the noise is not worth more."""
+    place_sigma_m: float = 0.005
+    drop_sigma_m: float = 0.03
+    """Expected scatter of placed and of dropped objects in the true frame, per axis."""
+    sigma_shape: float = 2.0
+    """Shape of the inverse gamma distribution of the scatter's variance: how firmly the expectation is held."""
+    contact_m: float = 0.15
+    """Within this an object may be what the placed one rests on or in."""
+    contact_odds: float = 3.0
+    """By so much a frame in contact is likelier beforehand than the base; the base than a frame further away."""
+    sure: float = 0.95
+    """Below this posterior probability of a frame the learner asks for a demonstration."""
+    put_back_m: float = PLACE_RADIUS_M
+    """An object put down this near to where it was picked up has not been moved: a mistake put back."""
+    drop_height_m: float = 0.03
+    """Released from higher above its rest, an object was dropped; from lower, and landing tightly, placed."""
+    tight_m: float = 0.02
+    """A set of rests within this of its mean was placed on purpose."""
+    place_radius_m: float = PLACE_RADIUS_M
+    drop_radius_m: float = DROP_RADIUS_M
+    """Radii are never above the paper's (section III-B)."""
+    least_radius_m: float = 0.02
+    """Nor so small that 3 mm and 1 degree of perception noise make the robot redo its work."""
+    spread_radii: float = 4.0
+    """A radius is this many standard deviations of the rests, plus the noise of perception."""
+    aligned_rad: float = math.radians(25)
+    """Orientations within this of one another are one orientation."""
+
+    def samples_for(self, demonstrations: int) -> int:
+        """The samples that make a cluster of so many demonstrations."""
+        return max(self.min_samples, math.ceil(self.min_share * demonstrations))
+
+    def users_for(self, users: int) -> int:
+        """The users that must agree on a cluster: one of one or two, a share of more."""
+        return 1 if users < 3 else max(2, math.ceil(self.min_share * users))
+
+    def to_data(self) -> dict[str, Any]:
+        """For the manifest."""
+        return asdict(self)
