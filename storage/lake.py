@@ -1,0 +1,288 @@
+"""The lake: every demonstration once, what was kept out and why, and what a person corrected.
+
+    demonstrations   one row each; a row here is what makes a demonstration ingested
+    actions          a row per action and frame, sorted by type, object and frame
+    quarantine       recordings that were refused, with the reason
+    corrections      exclusions and relabelled actions, beside the original, which never changes
+
+Every table is a Delta table and grows only. Any number of processes may read and write at once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final, Literal, TypeVar, get_args
+
+import pyarrow as pa
+
+from learner.model import Demonstration
+from learner.model.demonstration import ActionType
+from storage.errors import ConflictError, NotStoredError, RelabelRefusedError, StorageUnavailableError
+from storage.rows import (
+    ACTION_ORDER,
+    ACTIONS,
+    DEMONSTRATIONS,
+    Row,
+    action_rows,
+    demonstration_rows,
+    read_demonstrations,
+)
+from storage.table import LostRaceError, Table
+
+Result = TypeVar("Result")
+CorrectionKind = Literal["exclude", "restore", "relabel"]
+
+ATTEMPTS: Final = 50
+"""How often a writer that lost a race looks again; each race has a winner, so this ends."""
+RELEASES: Final[tuple[ActionType, ...]] = ("place", "drop")
+QUARANTINE: Final = pa.schema(
+    [("quarantined_ns", pa.int64()), ("file", pa.string()), ("sha256", pa.string()), ("reason", pa.string())]
+)
+CORRECTIONS: Final = pa.schema(
+    [
+        ("serial", pa.int64()),
+        ("corrected_ns", pa.int64()),
+        ("kind", pa.string()),
+        ("demonstration_id", pa.string()),
+        ("step", pa.int32()),
+        ("type", pa.string()),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Quarantined:
+    """A recording that was refused: `reason` is the sentence; `sha256` is None where it could not be read."""
+
+    file: str
+    sha256: str | None
+    reason: str
+    quarantined_ns: int
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A demonstration with a person's corrections made.
+
+    `demonstrated_types` holds, by step, what the operator had pressed where a person relabelled it since.
+    """
+
+    demonstration: Demonstration
+    excluded: bool = False
+    demonstrated_types: Mapping[int, ActionType] = field(default_factory=dict)
+
+
+class Lake:
+    """The tables below `root`; nothing is created before something is added."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._demonstrations = Table(root / "demonstrations", DEMONSTRATIONS, ("task", "demonstration_id"))
+        self._actions = Table(root / "actions", ACTIONS, ACTION_ORDER)
+        self._quarantine = Table(root / "quarantine", QUARANTINE, ("quarantined_ns",))
+        self._corrections = Table(root / "corrections", CORRECTIONS, ("serial",))
+
+    def add(self, demonstration: Demonstration, files: Sequence[str | Path] = ()) -> bool:
+        """Ingest a demonstration, whole or not at all; `files` are the recordings that it came from.
+
+        True if it is new, False if it was known. Raises ConflictError if its id is taken by other content.
+        """
+        return self.add_all([demonstration], files)[0]
+
+    def add_all(self, demonstrations: Sequence[Demonstration], files: Sequence[str | Path] = ()) -> list[bool]:
+        """Ingest many in one commit: for each whether it is new. With a ConflictError none is ingested."""
+        names = [str(file) for file in files]
+        return _until_won(lambda: self._try_to_add(demonstrations, names))
+
+    def demonstrations(self, task: str | None = None, include_excluded: bool = False) -> list[Demonstration]:
+        """Those of `task`, or all, corrections made, in the order of their start (then id), whoever ingested when."""
+        return [entry.demonstration for entry in self.entries(task) if include_excluded or not entry.excluded]
+
+    def entries(self, task: str | None = None) -> list[Entry]:
+        """All demonstrations of `task`, or all, excluded ones too, each with what was corrected."""
+        filters = [] if task is None else [("task", "=", task)]
+        headers = self._demonstrations.read(filters=filters)
+        demonstrations = read_demonstrations(headers, self._actions.read(filters=filters))
+        corrections = self._corrections_by_id()
+        entries = [_corrected(each, corrections.get(each.demonstration_id, [])) for each in demonstrations]
+        return sorted(entries, key=lambda entry: _start(entry.demonstration))
+
+    def entry(self, demonstration_id: str) -> Entry:
+        """One demonstration. Raises NotStoredError."""
+        filters = [("demonstration_id", "=", demonstration_id)]
+        found = read_demonstrations(self._demonstrations.read(filters=filters), self._actions.read(filters=filters))
+        if not found:
+            raise NotStoredError("demonstration", demonstration_id, sorted(self._digests()))
+        return _corrected(found[0], self._corrections_by_id().get(demonstration_id, []))
+
+    def known(self) -> dict[str, str]:
+        """The id of each ingested demonstration by the digest of its recording."""
+        return {sha256: demonstration_id for demonstration_id, sha256 in self._digests().items()}
+
+    def known_files(self) -> dict[str, str | None]:
+        """The digest of each recording that was ingested or quarantined, by its path; the newest word counts."""
+        words = [(record.quarantined_ns, record.file, record.sha256) for record in self._quarantine_records()]
+        for row in self._demonstrations.read(["files", "sha256", "ingested_ns"]).to_pylist():
+            words.extend((row["ingested_ns"], file, row["sha256"]) for file in row["files"])
+        return {file: sha256 for _, file, sha256 in sorted(words, key=lambda word: word[0])}
+
+    def quarantine(self, file: str | Path, sha256: str | None, reason: str) -> bool:
+        """Record that a recording was refused. False if just this was recorded before."""
+        record = Quarantined(str(file), sha256, reason, time.time_ns())
+        return _until_won(lambda: self._try_to_quarantine(record))
+
+    def quarantined(self) -> list[Quarantined]:
+        """The recordings that stand refused, oldest first: the newest word on each, without those ingested since."""
+        table = self._demonstrations.read(["files", "sha256", "ingested_ns"])
+        rows = table.to_pylist()
+        ingested = {row["sha256"] for row in rows}
+        ingested_ns = {file: row["ingested_ns"] for row in rows for file in row["files"]}
+        return [
+            record
+            for record in self._quarantine_records()
+            if record.sha256 not in ingested and ingested_ns.get(record.file, 0) < record.quarantined_ns
+        ]
+
+    def exclude(self, demonstration_id: str) -> bool:
+        """Leave a demonstration out of learning. False if it was left out already. Raises NotStoredError."""
+        return _until_won(lambda: self._try_to_correct("exclude", demonstration_id))
+
+    def restore(self, demonstration_id: str) -> bool:
+        """Take an excluded demonstration back. False if it was not excluded. Raises NotStoredError."""
+        return _until_won(lambda: self._try_to_correct("restore", demonstration_id))
+
+    def relabel(self, demonstration_id: str, step: int, type: ActionType) -> bool:
+        """Correct the type of an action; what was demonstrated stays beside. False if it has this type already.
+
+        A place may become a drop and the reverse. Raises NotStoredError, and RelabelRefusedError for what the
+        gripper contradicts: what closed it is a pick, what opened it is not.
+        """
+        return _until_won(lambda: self._try_to_relabel(demonstration_id, step, type))
+
+    def compact(self) -> None:
+        """Rewrite the small files of many ingests as few sorted ones."""
+        for table in (self._demonstrations, self._actions, self._quarantine, self._corrections):
+            table.compact()
+
+    def _try_to_add(self, demonstrations: Sequence[Demonstration], files: Sequence[str]) -> list[bool]:
+        digests, new, answers = self._digests(), [], []
+        for demonstration in demonstrations:
+            stored = digests.setdefault(demonstration.demonstration_id, "")
+            if stored not in ("", demonstration.sha256):
+                raise ConflictError(demonstration.demonstration_id, demonstration.sha256, stored)
+            if not stored:
+                digests[demonstration.demonstration_id] = demonstration.sha256
+                new.append(demonstration)
+            answers.append(not stored)
+        if new:
+            self._write(new, files)
+        return answers
+
+    def _write(self, new: Sequence[Demonstration], files: Sequence[str]) -> None:
+        """Actions first: until the demonstration's own row is there, nobody sees them, and a second try skips them."""
+        marks = {_action_mark(demonstration): demonstration for demonstration in new if demonstration.actions}
+        missing = {mark: marks[mark] for mark in marks.keys() - self._actions.committed(marks)}
+        if missing:
+            self._actions.append(action_rows(missing.values()), dict.fromkeys(missing, 1))
+        rows = demonstration_rows(new, files, time.time_ns())
+        self._demonstrations.append(rows, {demonstration.demonstration_id: 1 for demonstration in new})
+
+    def _try_to_quarantine(self, record: Quarantined) -> bool:
+        records = self._quarantine_records()
+        if any(
+            (each.file, each.sha256, each.reason) == (record.file, record.sha256, record.reason) for each in records
+        ):
+            return False
+        self._quarantine.append(pa.Table.from_pylist([vars(record)], QUARANTINE), {})
+        return True
+
+    def _try_to_correct(self, kind: Literal["exclude", "restore"], demonstration_id: str) -> bool:
+        serial = self._next_serial()
+        if self.entry(demonstration_id).excluded == (kind == "exclude"):
+            return False
+        self._correct(serial, kind, demonstration_id)
+        return True
+
+    def _try_to_relabel(self, demonstration_id: str, step: int, type_: ActionType) -> bool:
+        serial = self._next_serial()
+        actions = {action.step: action for action in self.entry(demonstration_id).demonstration.actions}
+        if step not in actions:
+            raise NotStoredError(f"step of {demonstration_id}", step, actions)
+        if type_ not in get_args(ActionType):
+            raise RelabelRefusedError(f"{type_!r} is no type of an action; there are {', '.join(get_args(ActionType))}")
+        present = actions[step].type
+        if present == type_:
+            return False
+        if present not in RELEASES or type_ not in RELEASES:
+            raise RelabelRefusedError(
+                f"step {step} of {demonstration_id} is a {present} by the gripper; only place and drop can be exchanged"
+            )
+        self._correct(serial, "relabel", demonstration_id, step, type_)
+        return True
+
+    def _correct(
+        self,
+        serial: int,
+        kind: CorrectionKind,
+        demonstration_id: str,
+        step: int | None = None,
+        type_: ActionType | None = None,
+    ) -> None:
+        row = {"serial": serial, "corrected_ns": time.time_ns(), "kind": kind, "demonstration_id": demonstration_id}
+        rows = pa.Table.from_pylist([row | {"step": step, "type": type_}], CORRECTIONS)
+        self._corrections.append(rows, {"corrections": serial})
+
+    def _next_serial(self) -> int:
+        """Taken before a decision is made, so that a correction that was made meanwhile is noticed."""
+        return 1 + max(self._corrections.read(["serial"])["serial"].to_pylist(), default=0)
+
+    def _corrections_by_id(self) -> dict[str, list[Row]]:
+        found: dict[str, list[Row]] = {}
+        for row in sorted(self._corrections.read().to_pylist(), key=lambda row: int(row["serial"])):
+            found.setdefault(row["demonstration_id"], []).append(row)
+        return found
+
+    def _quarantine_records(self) -> list[Quarantined]:
+        """The newest word on each file, oldest first."""
+        records = [Quarantined(**row) for row in self._quarantine.read().to_pylist()]
+        newest = {record.file: record for record in sorted(records, key=lambda record: record.quarantined_ns)}
+        return sorted(newest.values(), key=lambda record: (record.quarantined_ns, record.file))
+
+    def _digests(self) -> dict[str, str]:
+        table = self._demonstrations.read(["demonstration_id", "sha256"])
+        return dict(zip(table["demonstration_id"].to_pylist(), table["sha256"].to_pylist(), strict=True))
+
+
+def _action_mark(demonstration: Demonstration) -> str:
+    return f"{demonstration.demonstration_id}/{demonstration.sha256}"
+
+
+def _corrected(demonstration: Demonstration, corrections: Iterable[Row]) -> Entry:
+    excluded = False
+    types: dict[int, ActionType] = {}
+    for row in corrections:
+        if row["kind"] == "relabel":
+            types[row["step"]] = row["type"]
+        else:
+            excluded = row["kind"] == "exclude"
+    changed = {a.step: a.type for a in demonstration.actions if types.get(a.step, a.type) != a.type}
+    actions = tuple(replace(a, type=types.get(a.step, a.type)) for a in demonstration.actions)
+    return Entry(replace(demonstration, actions=actions), excluded, changed)
+
+
+def _start(demonstration: Demonstration) -> tuple[int, str]:
+    stamps = [action.stamp_ns for action in demonstration.actions[:1]]
+    start_ns = demonstration.start_ns if demonstration.start_ns is not None else min(stamps, default=0)
+    return start_ns, demonstration.demonstration_id
+
+
+def _until_won(attempt: Callable[[], Result]) -> Result:
+    for count in range(ATTEMPTS):
+        try:
+            return attempt()
+        except LostRaceError:
+            time.sleep(0.005 * count)
+    raise StorageUnavailableError(f"the lake is written by too many at once; {ATTEMPTS} attempts failed, try again")

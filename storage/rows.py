@@ -1,0 +1,235 @@
+"""Demonstrations as rows of the lake's tables, and back: the schemas stand between the writer and the reader.
+
+A demonstration is one row of DEMONSTRATIONS and, in ACTIONS, one row per action and frame: the base frame and every
+object known at the press. There `end_effector_in_frame` is what a Pick, Place or Drop executes in that frame and
+`rest_in_frame` what it achieved; `candidate` is the frame's place among those in which the action may be expressed,
+null if it may not. Lengths [m], quaternions xyzw, stamps [ns].
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from learner.model import DemonstratedAction, Demonstration, ObjectShape, Pose, Scene
+
+Row = dict[str, Any]
+
+POSE: Final = pa.struct([(name, pa.float64()) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")])
+NAMED_POSES: Final = pa.list_(pa.struct([("object", pa.string()), ("pose", POSE)]))
+SENTENCES: Final = pa.list_(pa.string())
+
+DEMONSTRATIONS: Final = pa.schema(
+    [
+        ("demonstration_id", pa.string()),
+        ("sha256", pa.string()),
+        ("task", pa.string()),
+        ("user", pa.string()),
+        ("cell", pa.string()),
+        ("base_frame", pa.string()),
+        ("end_effector_frame", pa.string()),
+        ("objects", pa.list_(pa.string())),
+        ("outcome", pa.string()),
+        ("start_ns", pa.int64()),
+        ("actions", pa.int32()),
+        ("initial", NAMED_POSES),
+        ("final", NAMED_POSES),
+        ("messages_lost", pa.string()),
+        ("scene", pa.string()),
+        ("warnings", SENTENCES),
+        ("gaps", SENTENCES),
+        ("files", pa.list_(pa.string())),
+        ("ingested_ns", pa.int64()),
+    ]
+)
+ACTIONS: Final = pa.schema(
+    [
+        ("type", pa.string()),
+        ("object", pa.string()),
+        ("frame", pa.string()),
+        ("task", pa.string()),
+        ("user", pa.string()),
+        ("demonstration_id", pa.string()),
+        ("sha256", pa.string()),
+        ("step", pa.int32()),
+        ("stamp_ns", pa.int64()),
+        ("candidate", pa.int32()),
+        ("frame_in_base", POSE),
+        ("end_effector_in_frame", POSE),
+        ("rest_in_frame", POSE),
+        ("rest_known", pa.bool_()),
+        ("rest_seen", pa.bool_()),
+        ("warnings", SENTENCES),
+    ]
+)
+ACTION_ORDER: Final = ("type", "object", "frame", "demonstration_id", "step")
+POSE_COLUMNS: Final = ("frame_in_base", "end_effector_in_frame", "rest_in_frame")
+
+
+def demonstration_rows(demonstrations: Iterable[Demonstration], files: Sequence[str], ingested_ns: int) -> pa.Table:
+    """The rows of DEMONSTRATIONS; `files` are the recordings that they came from."""
+    rows = [_demonstration_row(demonstration, files, ingested_ns) for demonstration in demonstrations]
+    return pa.Table.from_pylist(rows, DEMONSTRATIONS)
+
+
+def action_rows(demonstrations: Iterable[Demonstration]) -> pa.Table:
+    """The rows of ACTIONS."""
+    rows = [row for d in demonstrations for action in d.actions for row in _frame_rows(d, action)]
+    return pa.Table.from_pylist(rows, ACTIONS)
+
+
+def read_demonstrations(demonstrations: pa.Table, actions: pa.Table) -> list[Demonstration]:
+    """The demonstrations of the rows, exactly as they were written, mappings in the order of their names.
+
+    Rows of ACTIONS without their demonstration, as an interrupted ingest leaves them, are passed over.
+    """
+    found = _read_actions(actions, dict(_bases(demonstrations)))
+    return [_read_demonstration(row, found) for row in demonstrations.to_pylist()]
+
+
+def _demonstration_row(demonstration: Demonstration, files: Sequence[str], ingested_ns: int) -> Row:
+    row = {name: getattr(demonstration, name) for name in DEMONSTRATIONS.names if hasattr(demonstration, name)}
+    return row | {
+        "actions": len(demonstration.actions),
+        "initial": _named_poses(demonstration.initial),
+        "final": _named_poses(demonstration.final),
+        "messages_lost": None if demonstration.messages_lost is None else _json(dict(demonstration.messages_lost)),
+        "scene": None if demonstration.scene is None else _json(_scene_data(demonstration.scene)),
+        "files": list(files),
+        "ingested_ns": ingested_ns,
+    }
+
+
+def _read_demonstration(row: Row, actions: Mapping[tuple[str, str], list[DemonstratedAction]]) -> Demonstration:
+    lost, scene = row.pop("messages_lost"), row.pop("scene")
+    for bookkeeping in ("files", "ingested_ns", "actions"):
+        row.pop(bookkeeping)
+    row["initial"], row["final"] = _read_named_poses(row["initial"]), _read_named_poses(row["final"])
+    for name in ("objects", "warnings", "gaps"):
+        row[name] = tuple(row[name])
+    return Demonstration(
+        **row,
+        actions=tuple(actions.get((row["demonstration_id"], row["sha256"]), ())),
+        messages_lost=None if lost is None else json.loads(lost),
+        scene=None if scene is None else _read_scene(json.loads(scene)),
+    )
+
+
+def _frame_rows(demonstration: Demonstration, action: DemonstratedAction) -> list[Row]:
+    shared = {name: getattr(demonstration, name) for name in ("task", "user", "demonstration_id", "sha256")}
+    for name in ("step", "stamp_ns", "type", "object", "rest_seen", "warnings"):
+        shared[name] = getattr(action, name)
+    candidates = {frame: index for index, frame in enumerate(action.frames)}
+    rest = action.rest or {}
+    others = sorted({*action.objects, *action.frames, *rest} - {demonstration.base_frame})
+    return [
+        shared
+        | {
+            "frame": frame,
+            "candidate": candidates.get(frame),
+            "frame_in_base": _pose_data(action.objects.get(frame)),
+            "end_effector_in_frame": _pose_data(_in_frame(action, frame, demonstration.base_frame)),
+            "rest_in_frame": _pose_data(rest.get(frame)),
+            "rest_known": action.rest is not None,
+        }
+        for frame in (demonstration.base_frame, *others)
+    ]
+
+
+def _in_frame(action: DemonstratedAction, frame: str, base_frame: str) -> Pose | None:
+    if frame == base_frame:
+        return action.end_effector
+    return action.objects[frame].inverse() @ action.end_effector if frame in action.objects else None
+
+
+def _bases(demonstrations: pa.Table) -> Iterable[tuple[tuple[str, str], str]]:
+    names = ("demonstration_id", "sha256", "base_frame")
+    ids, digests, bases = (demonstrations[name].to_pylist() for name in names)
+    return zip(zip(ids, digests, strict=True), bases, strict=True)
+
+
+def _read_actions(
+    actions: pa.Table, bases: Mapping[tuple[str, str], str]
+) -> dict[tuple[str, str], list[DemonstratedAction]]:
+    rows = _rows(actions)
+    rows.sort(key=lambda row: (row["demonstration_id"], row["sha256"], row["step"], row["frame"]))
+    found: dict[tuple[str, str], list[DemonstratedAction]] = {}
+    for (name, digest, _), frames in groupby(rows, lambda row: (row["demonstration_id"], row["sha256"], row["step"])):
+        if (name, digest) in bases:
+            action = _read_action(list(frames), bases[name, digest])
+            found.setdefault((name, digest), []).append(action)
+    return found
+
+
+def _read_action(rows: list[Row], base_frame: str) -> DemonstratedAction:
+    first = rows[0]
+    candidates = sorted((row["candidate"], row["frame"]) for row in rows if row["candidate"] is not None)
+    return DemonstratedAction(
+        step=first["step"],
+        stamp_ns=first["stamp_ns"],
+        type=first["type"],
+        object=first["object"],
+        end_effector=next(row["end_effector_in_frame"] for row in rows if row["frame"] == base_frame),
+        objects={row["frame"]: row["frame_in_base"] for row in rows if row["frame_in_base"] is not None},
+        frames=tuple(frame for _, frame in candidates),
+        rest={row["frame"]: row["rest_in_frame"] for row in rows if row["rest_in_frame"] is not None}
+        if first["rest_known"]
+        else None,
+        rest_seen=first["rest_seen"],
+        warnings=tuple(first["warnings"]),
+    )
+
+
+def _rows(actions: pa.Table) -> list[Row]:
+    """The rows with their poses read; by column, which is far quicker than by row."""
+    columns: dict[str, list[Any]] = {
+        name: _poses(actions[name]) if name in POSE_COLUMNS else actions[name].to_pylist() for name in ACTIONS.names
+    }
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def _poses(column: pa.ChunkedArray) -> list[Pose | None]:
+    valid = column.is_valid().to_pylist()
+    fields = column.combine_chunks().flatten() if column.num_chunks else []
+    numbers = np.column_stack([np.asarray(field, dtype=np.float64) for field in fields]).tolist() if fields else []
+    return [Pose.of(row[:3], row[3:]) if known else None for row, known in zip(numbers, valid, strict=True)]
+
+
+def _pose_data(pose: Pose | None) -> Row | None:
+    if pose is None:
+        return None
+    return dict(zip(POSE.names, (*pose.position, *pose.quaternion_xyzw), strict=True))
+
+
+def _read_pose(data: Mapping[str, float]) -> Pose:
+    x, y, z, qx, qy, qz, qw = (data[name] for name in POSE.names)
+    return Pose((x, y, z), (qx, qy, qz, qw))
+
+
+def _named_poses(poses: Mapping[str, Pose]) -> list[Row]:
+    return [{"object": name, "pose": _pose_data(poses[name])} for name in sorted(poses)]
+
+
+def _read_named_poses(data: Iterable[Row]) -> dict[str, Pose]:
+    return {entry["object"]: _read_pose(entry["pose"]) for entry in data}
+
+
+def _scene_data(scene: Scene) -> Row:
+    """The JSON of CONTRACT, section 2."""
+    objects = {name: {"size_m": shape.size_m, "symmetry": shape.symmetry} for name, shape in scene.objects.items()}
+    return {"objects": objects, "workspace_m": scene.workspace_m}
+
+
+def _read_scene(data: Row) -> Scene:
+    objects = {name: ObjectShape(tuple(shape["size_m"]), shape["symmetry"]) for name, shape in data["objects"].items()}
+    workspace = data["workspace_m"]
+    return Scene(objects, None if workspace is None else (tuple(workspace[0]), tuple(workspace[1])))
+
+
+def _json(data: Any) -> str:
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

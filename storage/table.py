@@ -1,0 +1,120 @@
+"""One Delta table: opened, appended to and read, with the failures of a disk told as ours.
+
+Appends are optimistic: each names what it adds as transactions `(application id, version)`, and of two writers that
+name the same one, the second fails and must look again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+from deltalake import CommitProperties, DeltaTable, Transaction, WriterProperties, write_deltalake
+from deltalake.exceptions import CommitFailedError, DeltaError, TableNotFoundError
+
+from storage.errors import StorageUnavailableError
+
+Filters = list[tuple[str, str, Any]]
+
+ROW_GROUP_ROWS: Final = 131_072
+"""Tiny row groups make reading many times slower."""
+FILES_BEFORE_COMPACTION: Final = 40
+WRITER: Final = WriterProperties(compression="ZSTD", max_row_group_size=ROW_GROUP_ROWS)
+
+
+class LostRaceError(Exception):
+    """Another writer committed one of the same transactions first: look again. Never leaves storage."""
+
+
+class Table:
+    """A Delta table of `schema` in the folder `path`, which is created by the first append.
+
+    `order` names the columns by which a compaction sorts, so that what is read together lies together.
+    """
+
+    def __init__(self, path: Path, schema: pa.Schema, order: Sequence[str]) -> None:
+        self.path, self.schema, self.order = path, schema, list(order)
+
+    def read(self, columns: Sequence[str] | None = None, filters: Filters | None = None) -> pa.Table:
+        """The rows that pass all `filters`; none if nothing was ever appended. Raises StorageUnavailableError."""
+        with self._failures():
+            table = self._open()
+            wanted = list(columns) if columns else self.schema.names
+            if table is None:
+                return self.schema.empty_table().select(wanted)
+            return table.to_pyarrow_table(columns=wanted, filters=filters or None)
+
+    def committed(self, applications: Iterable[str]) -> set[str]:
+        """Those of `applications` that ever committed."""
+        with self._failures():
+            table = self._open()
+            return {name for name in applications if table and table.transaction_version(name) is not None}
+
+    def append(self, rows: pa.Table, transactions: dict[str, int]) -> None:
+        """Append `rows` in one commit, whole or not at all.
+
+        `transactions` are versions by application id, from 1. Raises LostRaceError if one of them, or a later version
+        of it, is committed already; StorageUnavailableError if the folder cannot be written.
+        """
+        with self._failures():
+            table = self._open() or self._create()
+            for application, version in transactions.items():
+                if (table.transaction_version(application) or 0) >= version:
+                    raise LostRaceError(application)
+            marks = [Transaction(application, version) for application, version in transactions.items()]
+            try:
+                write_deltalake(
+                    table,
+                    rows.sort_by([(column, "ascending") for column in self.order]),
+                    mode="append",
+                    writer_properties=WRITER,
+                    commit_properties=CommitProperties(app_transactions=marks),
+                )
+            except CommitFailedError as error:
+                raise LostRaceError(str(error)) from error
+            self._compact_if_scattered()
+
+    def files(self) -> list[str]:
+        """Where the newest version's data lies."""
+        with self._failures():
+            table = self._open()
+            return table.file_uris() if table else []
+
+    def compact(self) -> None:
+        """Rewrite many small files as few sorted ones. Readers keep the version that they opened."""
+        with self._failures():
+            if table := self._open():
+                table.optimize.z_order(self.order, writer_properties=WRITER)
+                table.vacuum(dry_run=False)
+
+    def _compact_if_scattered(self) -> None:
+        if len(self.files()) > FILES_BEFORE_COMPACTION:
+            try:
+                self.compact()
+            except StorageUnavailableError:
+                # What was appended is committed; the next append tries again.
+                return
+
+    def _open(self) -> DeltaTable | None:
+        try:
+            return DeltaTable(self.path)
+        except TableNotFoundError:
+            return None
+
+    def _create(self) -> DeltaTable:
+        self.path.mkdir(parents=True, exist_ok=True)
+        try:
+            return DeltaTable.create(self.path, self.schema, mode="ignore")
+        except CommitFailedError as error:
+            raise LostRaceError(str(error)) from error
+
+    @contextmanager
+    def _failures(self) -> Iterator[None]:
+        try:
+            yield
+        except (DeltaError, OSError, pa.ArrowException) as error:
+            reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+            raise StorageUnavailableError(f"the lake's table {self.path} cannot be used: {reason}") from error
