@@ -1,0 +1,228 @@
+"""What a cell's poses and gripper say: the conditions of CONTRACT, section 3, decided from what was seen.
+
+Pure: who listens to the cell calls `update_pose` and `update_gripper`, who ticks calls `holds`. Ages compare stamps
+with stamps, never with this machine's clock; "now" is the newest stamp of any pose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from learner.errors import TreeError
+from learner.model.condition import Condition, GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.names import NONE
+from learner.model.pose import Pose, Quaternion, Vector
+from learner.model.tree import Node
+
+NEAR_M: Final = 0.05
+"""What the gripper closed on is the object nearest to the end-effector within this distance [m] (CONTRACT, 3)."""
+SLIP_M: Final = 0.03
+"""An object seen further than this from where the gripper carries it has not moved with it [m]: beyond the few
+millimetres of a camera's noise and the slip of a grasp, below the size of what is grasped."""
+SLIP_NS: Final = 200_000_000
+"""... if it stays there this long [ns]: one jump of a marker does not open a gripper."""
+UNSEEN_NS: Final = 10_000_000_000
+"""A condition on an object unseen for this long fails [ns] (CONTRACT, 3)."""
+MEMORY_NS: Final = 2_000_000_000
+"""How far back the end-effector's poses are kept [ns]: cameras stamp their images earlier than they deliver them."""
+
+CONDITION_TYPES: Final[dict[str, Callable[..., Condition]]] = {
+    "GripperIs": GripperIs,
+    "InGripper": InGripper,
+    "ObjectAt": ObjectAt,
+    "ObjectRoughlyAt": ObjectRoughlyAt,
+}
+
+
+def condition_of(node: Node) -> Condition:
+    """The condition that a leaf of a flattened tree checks. Raises TreeError for any other node."""
+    if node.kind not in CONDITION_TYPES:
+        raise TreeError(f"{node.kind} is no condition")
+    ports: dict[str, Any] = dict(node.ports)
+    return CONDITION_TYPES[node.kind](**ports)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The newest pose of a child in the base frame, and its stamp [ns]."""
+
+    stamp_ns: int
+    pose: Pose
+
+
+@dataclass
+class Grasp:
+    """What the gripper closed on: the object's origin in the end-effector then, and whether it is seen elsewhere."""
+
+    object: str
+    origin: Vector
+    away_since_ns: int | None = None
+    lost: bool = False
+
+
+class CellState:
+    """The last seen state of a cell, and which conditions hold in it.
+
+    What is held follows from the gripper's samples and the poses alone: when the gripper turns from open to closed,
+    the nearest object within 5 cm is grasped, and held until the gripper opens, but not while it is seen elsewhere than
+    the gripper carries it. One that the hand hides is still held. Where the first sample already says closed, the
+    poses at the first question decide.
+    """
+
+    def __init__(self, base_frame: str, end_effector_frame: str) -> None:
+        self.base_frame, self.end_effector_frame = base_frame, end_effector_frame
+        self.now_ns = 0
+        """The newest stamp of any pose [ns]; 0 before the first."""
+        self.gripper: GripperState | None = None
+        """The gripper's state as last told, whatever is frozen."""
+        self._gripper_ns = 0
+        self._seen: dict[str, Seen] = {}
+        self._hand: deque[Seen] = deque()
+        self._grasp: Grasp | None = None
+        self._grasp_is_due = False
+        self._frozen: tuple[GripperState | None, str | None] | None = None
+
+    def update_pose(self, child: str, stamp_ns: int, pose: Pose) -> bool:
+        """Take the pose of `child` in the base; whether it is newer than its last (an older one changes nothing)."""
+        last = self._seen.get(child)
+        if last and stamp_ns <= last.stamp_ns:
+            return False
+        seen = self._seen[child] = Seen(stamp_ns, pose)
+        self.now_ns = max(self.now_ns, stamp_ns)
+        if child == self.end_effector_frame:
+            self._remember_hand(seen)
+        elif self._grasp and self._grasp.object == child:
+            self._follow(self._grasp, seen)
+        return True
+
+    def update_gripper(self, stamp_ns: int, state: GripperState) -> None:
+        """Take a sample of the gripper; one older than the last changes nothing."""
+        if self.gripper is not None and stamp_ns < self._gripper_ns:
+            return
+        before, self.gripper, self._gripper_ns = self.gripper, state, stamp_ns
+        if state == "open":
+            self._grasp, self._grasp_is_due = None, False
+        elif before == "open":
+            self._grasp = self._nearest(self._hand_at(stamp_ns))
+        elif before is None:
+            self._grasp_is_due = True
+
+    @property
+    def held(self) -> str | None:
+        """The object in the gripper, whatever is frozen; None for none."""
+        if self._grasp_is_due and self._hand:
+            self._grasp, self._grasp_is_due = self._nearest(self._hand[-1]), False
+        return self._grasp.object if self._grasp and not self._grasp.lost else None
+
+    def freeze_gripper(self) -> None:
+        """From now on GripperIs and InGripper (and "not held") keep the values of this moment: an action starts."""
+        self._frozen = (self.gripper, self.held)
+
+    def thaw_gripper(self) -> None:
+        """They follow the cell again: the action has ended."""
+        self._frozen = None
+
+    def pose(self, name: str) -> Pose | None:
+        """The last seen pose of an object or the end-effector in the base; None if it was never seen."""
+        if name == self.base_frame:
+            return Pose((0.0, 0.0, 0.0))
+        return self._seen[name].pose if name in self._seen else None
+
+    def poses(self) -> dict[str, Pose]:
+        """The last seen pose of everything, by name."""
+        return {name: seen.pose for name, seen in sorted(self._seen.items())}
+
+    def unseen(self, name: str) -> bool:
+        """Whether nothing was seen of `name` for 10 s, or ever. The base frame is always seen."""
+        if name == self.base_frame:
+            return False
+        return name not in self._seen or self.now_ns - self._seen[name].stamp_ns >= UNSEEN_NS
+
+    def holds(self, condition: Condition) -> bool:
+        """Whether a condition holds now (CONTRACT, section 3).
+
+        It fails if its object, or the object that is its frame, was unseen for 10 s; a condition on the gripper alone
+        fails before the gripper's first sample.
+        """
+        gripper, held = self._frozen or (self.gripper, self.held)
+        match condition:
+            case GripperIs():
+                return gripper == condition.state
+            case InGripper(object=name):
+                return gripper is not None and self._in_gripper(name, held)
+            case ObjectAt():
+                return condition.object != held and self._is_near(condition, vertical=True)
+            case ObjectRoughlyAt():
+                return condition.object != held and self._is_near(condition, vertical=False)
+
+    def _in_gripper(self, name: str, held: str | None) -> bool:
+        return held is None if name == NONE else held == name and not self.unseen(name)
+
+    def _is_near(self, condition: ObjectAt | ObjectRoughlyAt, *, vertical: bool) -> bool:
+        if self.unseen(condition.object) or self.unseen(condition.frame):
+            return False
+        x, y, z = self._in_base(condition.position, condition.frame)
+        at = self._seen[condition.object].pose.position
+        distance = math.hypot(at[0] - x, at[1] - y, at[2] - z if vertical else 0.0)
+        return distance <= condition.radius
+
+    def _in_base(self, position: Vector, frame: str) -> Vector:
+        if frame == self.base_frame:
+            return position
+        pose = self._seen[frame].pose
+        x, y, z = _rotated(pose.quaternion_xyzw, position)
+        return (x + pose.position[0], y + pose.position[1], z + pose.position[2])
+
+    def _remember_hand(self, seen: Seen) -> None:
+        self._hand.append(seen)
+        while self._hand[0].stamp_ns < seen.stamp_ns - MEMORY_NS:
+            self._hand.popleft()
+
+    def _hand_at(self, stamp_ns: int) -> Seen | None:
+        """The end-effector's pose nearest in time to a stamp; None before its first."""
+        nearest: Seen | None = None
+        for seen in reversed(self._hand):
+            if nearest and abs(seen.stamp_ns - stamp_ns) > abs(nearest.stamp_ns - stamp_ns):
+                break
+            nearest = seen
+        return nearest
+
+    def _nearest(self, hand: Seen | None) -> Grasp | None:
+        if hand is None:
+            return None
+        at = hand.pose.position
+        objects = [name for name in sorted(self._seen) if name != self.end_effector_frame and not self.unseen(name)]
+        distances = {name: math.dist(self._seen[name].pose.position, at) for name in objects}
+        nearest = min(objects, key=distances.__getitem__, default=None)
+        if nearest is None or distances[nearest] > NEAR_M:
+            return None
+        return Grasp(nearest, _inside(hand.pose, self._seen[nearest].pose.position))
+
+    def _follow(self, grasp: Grasp, seen: Seen) -> None:
+        hand = self._hand_at(seen.stamp_ns)
+        away = hand is not None and math.dist(_inside(hand.pose, seen.pose.position), grasp.origin) > SLIP_M
+        if not away:
+            grasp.away_since_ns, grasp.lost = None, False
+        elif grasp.away_since_ns is None:
+            grasp.away_since_ns = seen.stamp_ns
+        else:
+            grasp.lost = seen.stamp_ns - grasp.away_since_ns >= SLIP_NS
+
+
+def _inside(frame: Pose, point: Vector) -> Vector:
+    """A point of the base in the coordinates of `frame`."""
+    x, y, z, w = frame.quaternion_xyzw
+    a, b, c = frame.position
+    return _rotated((-x, -y, -z, w), (point[0] - a, point[1] - b, point[2] - c))
+
+
+def _rotated(quaternion_xyzw: Quaternion, point: Vector) -> Vector:
+    """As learner.model.pose.rotate, for one point: without arrays, because every tick does it for every condition."""
+    x, y, z, w = quaternion_xyzw
+    px, py, pz = point
+    cx, cy, cz = 2 * (y * pz - z * py), 2 * (z * px - x * pz), 2 * (x * py - y * px)
+    return (px + w * cx + y * cz - z * cy, py + w * cy + z * cx - x * cz, pz + w * cz + x * cy - y * cx)
