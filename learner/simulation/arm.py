@@ -1,0 +1,138 @@
+"""The Franka Panda of pybullet_data in a physics world: joint motors, fingers, and what it touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pybullet_data
+
+from learner.model.pose import Array, Pose
+from learner.simulation.arm_kinematics import JOINTS, inverse, pointing_down
+
+ARM_FORCE_N: Final = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
+FINGER_JOINTS: Final = (9, 10)
+FINGER_FORCE_N: Final = 20.0
+FINGER_SPEED_M_PER_S: Final = 0.08
+OPEN_WIDTH_M: Final = 0.08
+TOOL_LINK: Final = 11
+GRIPPER_LINKS: Final = (8, *FINGER_JOINTS)
+TOUCH_N: Final = 0.5
+"""Below this a contact is a brush that physics has not resolved yet."""
+HOME: Final = pointing_down(0.38, 0.0, 0.35, 0.0)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A contact of the hand or arm with a body: the vertical part [0, 1] of its normal, and its force [N]."""
+
+    body: int
+    verticality: float
+    force_n: float
+
+
+class Arm:
+    """One Panda standing at the base's origin. `bullet` is the client of the world that it stands in."""
+
+    def __init__(self, bullet: Any) -> None:
+        self._bullet = bullet
+        path = f"{pybullet_data.getDataPath()}/franka_panda/panda.urdf"
+        self.body: int = bullet.loadURDF(path, useFixedBase=True)
+        # The contract of arm_kinematics: a wrist without a stop.
+        bullet.changeDynamics(self.body, JOINTS - 1, jointLowerLimit=-1e3, jointUpperLimit=1e3)
+        for finger in FINGER_JOINTS:
+            # Only the constraint of a good grasp holds an object; friction must not hold a bad one.
+            bullet.changeDynamics(self.body, finger, lateralFriction=0.0)
+        self._commanded = np.zeros(JOINTS)
+        self._width_m = OPEN_WIDTH_M
+        self.go_home()
+
+    def go_home(self) -> None:
+        """Stand at HOME with open fingers at once, without moving there."""
+        joints = inverse(HOME)
+        assert joints is not None  # HOME is a constant within reach
+        for index, angle in enumerate(joints):
+            self._bullet.resetJointState(self.body, index, angle)
+        for finger in FINGER_JOINTS:
+            self._bullet.resetJointState(self.body, finger, OPEN_WIDTH_M / 2)
+        self.command(joints)
+        self.set_width(OPEN_WIDTH_M)
+
+    @property
+    def joints_rad(self) -> Array:
+        """The joint angles (7,) as they are."""
+        return np.array([state[0] for state in self._bullet.getJointStates(self.body, range(JOINTS))])
+
+    @property
+    def commanded_rad(self) -> Array:
+        """The joint angles (7,) that the motors hold."""
+        return self._commanded
+
+    @property
+    def tool_pose(self) -> Pose:
+        """The pose of `tool0` in the base."""
+        state = self._bullet.getLinkState(self.body, TOOL_LINK, computeForwardKinematics=True)
+        return Pose.of(state[4], state[5])
+
+    @property
+    def width_m(self) -> float:
+        """The distance between the fingers."""
+        return float(sum(state[0] for state in self._bullet.getJointStates(self.body, FINGER_JOINTS)))
+
+    @property
+    def finger_speed_m_per_s(self) -> float:
+        """How fast the quicker finger moves."""
+        return float(max(abs(state[1]) for state in self._bullet.getJointStates(self.body, FINGER_JOINTS)))
+
+    def command(self, joints_rad: Array) -> None:
+        """Let the motors drive the joints to these angles."""
+        self._commanded = joints_rad
+        self._bullet.setJointMotorControlArray(
+            self.body,
+            range(JOINTS),
+            self._bullet.POSITION_CONTROL,
+            targetPositions=joints_rad.tolist(),
+            forces=ARM_FORCE_N,
+            positionGains=[0.5] * JOINTS,
+        )
+
+    def hold(self) -> None:
+        """Stop where the arm is."""
+        self.command(self.joints_rad)
+
+    def solve(self, target: Pose) -> Array | None:
+        """Joint angles (7,) for `tool0` at `target`, the wrist wound as it is now; None if out of reach."""
+        joints = inverse(target)
+        if joints is None:
+            return None
+        turns = np.round((self._commanded[-1] - joints[-1]) / (2 * np.pi))
+        joints[-1] += 2 * np.pi * turns
+        return joints
+
+    def set_width(self, width_m: float) -> None:
+        """Let the fingers move to a distance from each other, or as far as they can."""
+        self._width_m = width_m
+        for finger in FINGER_JOINTS:
+            self._bullet.setJointMotorControl2(
+                self.body,
+                finger,
+                self._bullet.POSITION_CONTROL,
+                targetPosition=width_m / 2,
+                force=FINGER_FORCE_N,
+                maxVelocity=FINGER_SPEED_M_PER_S,
+            )
+
+    @property
+    def commanded_width_m(self) -> float:
+        """The distance to which the fingers were last sent."""
+        return self._width_m
+
+    def touches(self) -> list[Touch]:
+        """What the arm and its hand press against, itself not counted."""
+        contacts = self._bullet.getContactPoints(bodyA=self.body)
+        return [
+            Touch(contact[2], abs(contact[7][2]), contact[9])
+            for contact in contacts
+            if contact[2] != self.body and contact[9] > TOUCH_N
+        ]

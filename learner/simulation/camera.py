@@ -1,0 +1,66 @@
+"""What the cell's camera makes of the true poses, and the steadier estimate that its skills work with."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from learner.model import Pose
+from learner.model.pose import angle_between, mean_quaternion, multiply
+
+SAMPLES: Final = 9
+"""Observations that an estimate averages, if the object stood still over them."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations per axis: of a position [m] and of a rotation vector [rad]."""
+
+    position_m: float = 0.0015
+    rotation_rad: float = math.radians(0.3)
+
+    def disturb(self, pose: Pose, rng: np.random.Generator) -> Pose:
+        """`pose` as a camera with this noise sees it once."""
+        vector = rng.normal(0.0, self.rotation_rad, 3)
+        angle = float(np.linalg.norm(vector))
+        axis = vector / angle if angle else vector
+        turn = np.array([*(axis * math.sin(angle / 2)), math.cos(angle / 2)])
+        position = np.array(pose.position) + rng.normal(0.0, self.position_m, 3)
+        return Pose.of(position, multiply(turn, np.array(pose.quaternion_xyzw)))
+
+
+class Camera:
+    """Sees every object, each time anew with noise."""
+
+    def __init__(self, noise: Noise, rng: np.random.Generator) -> None:
+        self.noise = noise
+        self._rng = rng
+        self._seen: dict[str, deque[Pose]] = {}
+
+    def observe(self, true_poses: Mapping[str, Pose]) -> dict[str, Pose]:
+        """One noisy look at the true poses in the base."""
+        seen = {name: self.noise.disturb(pose, self._rng) for name, pose in true_poses.items()}
+        for name, pose in seen.items():
+            self._seen.setdefault(name, deque(maxlen=SAMPLES)).append(pose)
+        return seen
+
+    def forget(self) -> None:
+        """Begin anew: what was seen is no longer there."""
+        self._seen.clear()
+
+    def estimate(self, name: str) -> Pose | None:
+        """The mean of the last looks that agree with the newest; None if the object was never seen."""
+        if name not in self._seen:
+            return None
+        poses = list(self._seen[name])
+        positions = np.array([pose.position for pose in poses])
+        quaternions = np.array([pose.quaternion_xyzw for pose in poses])
+        near_m, near_rad = max(0.005, 4 * self.noise.position_m), max(0.02, 5 * self.noise.rotation_rad)
+        agree = np.linalg.norm(positions - positions[-1], axis=1) < near_m
+        agree &= angle_between(quaternions, quaternions[-1]) < near_rad
+        return Pose.of(positions[agree].mean(axis=0), mean_quaternion(quaternions[agree]))
