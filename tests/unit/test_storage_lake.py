@@ -17,7 +17,7 @@ from support_demonstrations import DEMONSTRATIONS, demonstration
 from learner.model import Demonstration
 from storage.errors import ConflictError, NotStoredError, RelabelRefusedError, StorageUnavailableError
 from storage.lake import Lake
-from storage.table import FILES_BEFORE_COMPACTION, Table
+from storage.table import Table
 
 
 @pytest.fixture
@@ -196,12 +196,12 @@ def test_a_recording_that_was_repaired_and_ingested_is_no_longer_quarantined(lak
     assert [record.reason for record in lake.quarantined()] == ["overwritten"]
 
 
-def test_many_small_ingests_are_compacted_and_nothing_is_lost(lake: Lake) -> None:
-    wanted = [demonstration(f"d{number:03}") for number in range(FILES_BEFORE_COMPACTION + 5)]
+def test_many_small_ingests_are_compacted_and_nothing_is_lost(lake: Lake, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("storage.table.FILES_BEFORE_COMPACTION", 6)
+    wanted = [demonstration(f"d{number:03}") for number in range(10)]
     for each in wanted:
         lake.add(each)
-    files = lake._actions.files()
-    assert len(files) < 10
+    assert len(lake._actions.files()) < len(wanted)
     assert lake.demonstrations() == wanted
     assert not lake.add(wanted[0])
 

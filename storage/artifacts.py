@@ -1,0 +1,477 @@
+"""The artifact store: immutable versions of each task's tree, and aliases that move.
+
+Bytes lie in files named by their SHA-256 below `objects/`: the tree as canonical JSON, as BehaviorTree.CPP XML, and the
+manifest. What belongs together stands in a database (SQLite in the store's folder, or any other that SQLAlchemy
+reaches): a row per version, a row per alias, and a row per change, which is what served stores announce.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import secrets
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import sqlalchemy as sa
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+
+from learner.errors import LearnerError
+from learner.model import Tree, check_alias, check_name
+from storage.btcpp import from_xml, to_xml
+from storage.errors import DamagedError, ManifestRefusedError, NotStoredError, StorageError, StorageUnavailableError
+
+Result = TypeVar("Result")
+
+CONTRACT: Final = "1"
+LATEST: Final = "latest"
+PRODUCTION: Final = "production"
+DIGEST: Final = re.compile(r"[0-9a-f]{64}")
+ATTEMPTS: Final = 50
+BUSY_S: Final = 30.0
+"""How long a writer waits for another one's transaction on SQLite."""
+READING: Final = "reading"
+SCHEMA_LOCK: Final = 8420
+OWN_FACTS: Final = (
+    "aliases",
+    "contract",
+    "created",
+    "digest",
+    "frames",
+    "nodes",
+    "nodes_recovery",
+    "nodes_written",
+    "objects",
+    "task",
+    "version",
+    "xml_sha256",
+)
+EXPECTED_FACTS: Final = ("base_frame", "end_effector_frame", "lineage", "metrics")
+"""What a manifest always has, null where the publisher does not know it."""
+
+METADATA: Final = sa.MetaData()
+VERSIONS: Final = sa.Table(
+    "versions",
+    METADATA,
+    sa.Column("task", sa.String(64), primary_key=True),
+    sa.Column("version", sa.Integer, primary_key=True),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("manifest_sha256", sa.String(64), nullable=False),
+    sa.Column("xml_sha256", sa.String(64), nullable=False),
+    # One version a tree: what keeps racing publishers of one tree from making two.
+    sa.UniqueConstraint("task", "digest"),
+)
+ALIASES: Final = sa.Table(
+    "aliases",
+    METADATA,
+    sa.Column("task", sa.String(64), primary_key=True),
+    sa.Column("name", sa.String(64), primary_key=True),
+    sa.Column("version", sa.Integer, nullable=False),
+    sa.ForeignKeyConstraint(["task", "version"], ["versions.task", "versions.version"]),
+)
+CHANGES: Final = sa.Table(
+    "changes",
+    METADATA,
+    sa.Column("serial", sa.Integer, primary_key=True, autoincrement=True),
+    sa.Column("stamp_ns", sa.BigInteger, nullable=False),
+    sa.Column("task", sa.String(64), nullable=False),
+    sa.Column("event", sa.String(16), nullable=False),
+    sa.Column("version", sa.Integer, nullable=False),
+    sa.Column("alias", sa.String(64)),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sqlite_autoincrement=True,
+)
+
+
+@dataclass(frozen=True)
+class Published:
+    """What publishing a tree came to: `new` is False where an equal tree was there, whose version this is."""
+
+    version: int
+    digest: str
+    new: bool
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """One version of a task's tree, verified when it was read; `aliases` are the names that point to it now."""
+
+    task: str
+    version: int
+    digest: str
+    tree: Tree
+    xml: str
+    manifest: Mapping[str, Any]
+    manifest_json: str
+    aliases: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something that happened in the store: `event` is 'published' or 'alias'."""
+
+    serial: int
+    stamp_ns: int
+    task: str
+    event: str
+    version: int
+    alias: str | None
+    digest: str
+
+
+class ArtifactStore:
+    """The store in the folder `root`, its metadata in `url` (SQLAlchemy) or else in `root/store.sqlite`.
+
+    Nothing is created before something is published. A context manager: leaving it closes the database. Any number
+    of processes may publish and read at once; every read hashes what it reads again.
+    """
+
+    def __init__(self, root: Path, url: str | None = None) -> None:
+        self.root = Path(root)
+        self._database = self.root / "store.sqlite"
+        self._by_url = bool(url)
+        self._prepared = False
+        try:
+            self._engine = _engine(url or f"sqlite:///{self._database}")
+        except (SQLAlchemyError, ImportError) as error:
+            raise StorageUnavailableError(f"the store's database URL is refused: {_first_line(error)}") from error
+
+    def __enter__(self) -> ArtifactStore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the database's connections."""
+        self._engine.dispose()
+
+    def publish(self, task: str, tree: Tree, facts: Mapping[str, Any]) -> Published:
+        """Store `tree` as the next version of `task`, with a manifest of `facts` and what follows from the tree.
+
+        A tree that equals any stored version of the task, not only the newest, makes no new version: a version *is*
+        a tree, and its manifest stays the one it was first published with. No alias moves.
+
+        Raises NameRefusedError, ManifestRefusedError for facts that are not JSON or not the publisher's to state, and
+        WrittenTreeError for a tree that the contract refuses.
+        """
+        check_name("task", task)
+        _check_facts(facts)
+        tree = Tree.from_json(tree.to_json())  # 0 and 0.0 are one number, and one text
+        xml = to_xml(tree)
+        return self._until_won(lambda: self._try_to_publish(task, tree, xml, facts))
+
+    def alias(self, task: str, name: str, version: int) -> bool:
+        """Let the alias `name` point to `version`. False if it does already. Raises NotStoredError."""
+        check_alias(name)
+        return self._until_won(lambda: self._try_to_alias(task, name, version))
+
+    def get(self, task: str, ref: str | int | None = None) -> Artifact:
+        """A version by its number or an alias; without `ref` production if set, else latest, else the newest.
+
+        Raises NotStoredError, and DamagedError if a stored byte has changed.
+        """
+        with self._reading() as connection:
+            version = self._resolve(connection, task, ref)
+            row = connection.execute(_version(task, version)).one()
+            aliases = tuple(sorted(name for name, v in self._aliases(connection, task).items() if v == version))
+        manifest_json = self._load(row.manifest_sha256, f"the manifest of {task}@{version}")
+        xml = self._load(row.xml_sha256, f"the XML of {task}@{version}")
+        text = self._load(row.digest, f"the tree of {task}@{version}")
+        try:
+            tree, manifest = Tree.from_json(text), json.loads(manifest_json)
+        except (LearnerError, ValueError) as error:
+            raise DamagedError(f"the store's database confuses the files of {task}@{version}: {error}") from error
+        return Artifact(task, version, row.digest, tree, xml, manifest, manifest_json, aliases)
+
+    def tasks(self) -> list[dict[str, Any]]:
+        """Each task with its newest version, that one's digest, and its aliases: what `GET /v1/tasks` answers."""
+        with self._reading() as connection:
+            query = sa.select(VERSIONS).order_by(VERSIONS.c.task, VERSIONS.c.version)
+            newest = {row.task: row for row in connection.execute(query)}
+            return [
+                {
+                    "task": task,
+                    "version": row.version,
+                    "digest": row.digest,
+                    "aliases": self._aliases(connection, task),
+                }
+                for task, row in newest.items()
+            ]
+
+    def versions(self, task: str) -> list[dict[str, Any]]:
+        """The versions of a task, newest first, each with digest, created, sizes and aliases. Raises NotStoredError."""
+        with self._reading() as connection:
+            self._check_task(connection, task)
+            aliases = self._aliases(connection, task)
+            query = sa.select(VERSIONS).where(VERSIONS.c.task == task).order_by(VERSIONS.c.version.desc())
+            rows = connection.execute(query).all()
+        return [self._summary(row, aliases) for row in rows]
+
+    def aliases(self, task: str) -> dict[str, int]:
+        """The version that each alias of a task points to. Raises NotStoredError."""
+        with self._reading() as connection:
+            self._check_task(connection, task)
+            return self._aliases(connection, task)
+
+    def changes(self, after: int = 0) -> list[Change]:
+        """What happened in the store since the change with the serial `after`, whichever process did it."""
+        with self._reading() as connection:
+            query = sa.select(CHANGES).where(CHANGES.c.serial > after).order_by(CHANGES.c.serial)
+            return [Change(**row._mapping) for row in connection.execute(query)]
+
+    def last_change(self) -> int:
+        """The serial of the newest change, 0 if there is none."""
+        with self._reading() as connection:
+            return int(connection.execute(sa.select(sa.func.max(CHANGES.c.serial))).scalar() or 0)
+
+    def verify(self, task: str, ref: str | int | None = None) -> Artifact:
+        """Hash everything of a version again, validate its XML, and compare all of it with the manifest.
+
+        Raises NotStoredError, and DamagedError that names what does not fit.
+        """
+        artifact = self.get(task, ref)
+        name, manifest = f"{task}@{artifact.version}", artifact.manifest
+        try:
+            written = from_xml(artifact.xml)
+        except StorageError as error:
+            raise DamagedError(f"the XML of {name} is refused: {error}") from error
+        expected = _derived(task, artifact.version, artifact.tree, artifact.xml)
+        wrong = sorted(key for key, value in expected.items() if manifest.get(key) != value)
+        if written != artifact.tree:
+            raise DamagedError(f"the XML of {name} is another tree than its JSON")
+        if wrong:
+            raise DamagedError(f"the manifest of {name} states a false {', '.join(wrong)}")
+        return artifact
+
+    def _try_to_publish(self, task: str, tree: Tree, xml: str, facts: Mapping[str, Any]) -> Published:
+        with self._writing() as connection:
+            query = sa.select(VERSIONS).where(VERSIONS.c.task == task).order_by(VERSIONS.c.version)
+            rows = connection.execute(query).all()
+            for row in rows:
+                if row.digest == tree.digest:
+                    return Published(row.version, row.digest, False)
+            version = 1 + max((row.version for row in rows), default=0)
+            manifest = canonical(_manifest(_derived(task, version, tree, xml), facts))
+            hashes = {name: self._save(text) for name, text in (("xml_sha256", xml), ("manifest_sha256", manifest))}
+            self._save(tree.to_json())
+            connection.execute(VERSIONS.insert().values(task=task, version=version, digest=tree.digest, **hashes))
+            _record(connection, task, "published", version, None, tree.digest)
+        return Published(version, tree.digest, True)
+
+    def _try_to_alias(self, task: str, name: str, version: int) -> bool:
+        with self._writing() as connection:
+            row = connection.execute(_version(task, self._resolve(connection, task, version))).one()
+            present = self._aliases(connection, task).get(name)
+            if present == version:
+                return False
+            where = (ALIASES.c.task == task) & (ALIASES.c.name == name)
+            change = ALIASES.insert().values(task=task, name=name) if present is None else ALIASES.update().where(where)
+            connection.execute(change.values(version=version))
+            _record(connection, task, "alias", version, name, row.digest)
+        return True
+
+    def _resolve(self, connection: sa.Connection, task: str, ref: str | int | None) -> int:
+        versions = self._check_task(connection, task)
+        aliases = self._aliases(connection, task)
+        if ref is None:
+            return aliases.get(PRODUCTION, aliases.get(LATEST, max(versions)))
+        if isinstance(ref, str) and ref in aliases:
+            return aliases[ref]
+        number = int(ref) if re.fullmatch("[0-9]{1,9}", str(ref), re.ASCII) else 0
+        if number not in versions:
+            raise NotStoredError(f"version of {task}", ref, [*versions, *sorted(aliases)])
+        return number
+
+    def _check_task(self, connection: sa.Connection, task: str) -> list[int]:
+        check_name("task", task)
+        query = sa.select(VERSIONS.c.version).where(VERSIONS.c.task == task).order_by(VERSIONS.c.version)
+        versions = [int(version) for version in connection.execute(query).scalars()]
+        if not versions:
+            known = sa.select(VERSIONS.c.task).distinct().order_by(VERSIONS.c.task)
+            raise NotStoredError("tree", task, connection.execute(known).scalars())
+        return versions
+
+    def _aliases(self, connection: sa.Connection, task: str) -> dict[str, int]:
+        query = sa.select(ALIASES.c.name, ALIASES.c.version).where(ALIASES.c.task == task).order_by(ALIASES.c.name)
+        return {row.name: int(row.version) for row in connection.execute(query)}
+
+    def _summary(self, row: sa.Row[Any], aliases: Mapping[str, int]) -> dict[str, Any]:
+        manifest = json.loads(self._load(row.manifest_sha256, f"the manifest of {row.task}@{row.version}"))
+        shown = {key: manifest.get(key) for key in ("version", "digest", "created", "nodes", "nodes_recovery")}
+        return shown | {"aliases": sorted(name for name, version in aliases.items() if version == row.version)}
+
+    def _path(self, sha256: str) -> Path:
+        if not DIGEST.fullmatch(sha256):
+            raise DamagedError(f"the store's database names the digest {sha256[:80]!r}, which is none")
+        return self.root / "objects" / sha256[:2] / sha256
+
+    def _save(self, text: str) -> str:
+        """Write beside, verify, rename; what is there already is verified and kept."""
+        content = text.encode()
+        sha256 = hashlib.sha256(content).hexdigest()
+        path = self._path(sha256)
+        if path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+            return sha256
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = path.with_name(f"{sha256}.{secrets.token_hex(4)}.part")
+        try:
+            with beside.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.chmod(0o444)
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
+        _sync_folder(path.parent)
+        return sha256
+
+    def _load(self, sha256: str, what: str) -> str:
+        try:
+            content = self._path(sha256).read_bytes()
+        except FileNotFoundError as error:
+            raise DamagedError(f"{what} is gone: {self._path(sha256)} does not exist") from error
+        if hashlib.sha256(content).hexdigest() != sha256:
+            raise DamagedError(f"{what} is damaged: {self._path(sha256)} does not have its digest")
+        return content.decode()
+
+    @contextmanager
+    def _reading(self) -> Iterator[sa.Connection]:
+        """A connection that sees one state; an empty database in memory where nothing was ever published."""
+        with self._failures():
+            if self._by_url:
+                self._prepare()
+            elif not self._database.exists():
+                with sa.create_engine("sqlite://").begin() as connection:
+                    METADATA.create_all(connection)
+                    yield connection
+                return
+            with self._engine.execution_options(**{READING: True}).connect() as connection:
+                yield connection
+
+    @contextmanager
+    def _writing(self) -> Iterator[sa.Connection]:
+        with self._failures():
+            self._prepare()
+            with self._engine.begin() as connection:
+                if self._engine.dialect.name == "postgresql":
+                    # As on SQLite: serials of changes then become visible in their order.
+                    connection.execute(sa.text("LOCK TABLE changes IN EXCLUSIVE MODE"))
+                yield connection
+
+    def _prepare(self) -> None:
+        if not self._prepared:
+            self.root.mkdir(parents=True, exist_ok=True)
+            with self._engine.begin() as connection:
+                if self._engine.dialect.name == "postgresql":
+                    # CREATE TABLE IF NOT EXISTS is no protection against another process that does the same.
+                    connection.execute(sa.text(f"SELECT pg_advisory_xact_lock({SCHEMA_LOCK})"))
+                METADATA.create_all(connection)
+            self._prepared = True
+
+    @contextmanager
+    def _failures(self) -> Iterator[None]:
+        try:
+            yield
+        except IntegrityError:
+            raise
+        except SQLAlchemyError as error:
+            raise StorageUnavailableError(f"the store {self.root} cannot be used: {_first_line(error)}") from error
+        except OSError as error:
+            raise StorageUnavailableError(f"the store {self.root} cannot be used: {error}") from error
+
+    def _until_won(self, attempt: Callable[[], Result]) -> Result:
+        """Try again where another publisher took the same version number meanwhile."""
+        for count in range(ATTEMPTS):
+            try:
+                return attempt()
+            except IntegrityError:
+                time.sleep(0.005 * count)
+        raise StorageUnavailableError(f"the store {self.root} is written by too many at once; try again")
+
+
+def canonical(document: Mapping[str, Any]) -> str:
+    """Canonical JSON: keys sorted, no spaces, ASCII. Raises ManifestRefusedError for what is not JSON."""
+    try:
+        return json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ManifestRefusedError(f"the facts about a tree are not JSON: {error}") from error
+
+
+def sha256_of(text: str) -> str:
+    """The SHA-256 of a text, in hexadecimal."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _check_facts(facts: Mapping[str, Any]) -> None:
+    if own := sorted(set(facts) & set(OWN_FACTS)):
+        raise ManifestRefusedError(f"the store itself states {', '.join(own)}; leave it out of the facts")
+    canonical(facts)
+
+
+def _derived(task: str, version: int, tree: Tree, xml: str) -> dict[str, Any]:
+    return {
+        "contract": CONTRACT,
+        "digest": tree.digest,
+        "frames": sorted(tree.frames()),
+        "nodes": tree.nodes,
+        "nodes_recovery": tree.nodes_recovery,
+        "nodes_written": tree.nodes_written,
+        "objects": sorted(tree.objects()),
+        "task": task,
+        "version": version,
+        "xml_sha256": sha256_of(xml),
+    }
+
+
+def _manifest(derived: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
+    created = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return {**dict.fromkeys(EXPECTED_FACTS), **facts, **derived, "created": created}
+
+
+def _version(task: str, version: int) -> sa.Select[Any]:
+    return sa.select(VERSIONS).where(VERSIONS.c.task == task, VERSIONS.c.version == version)
+
+
+def _record(connection: sa.Connection, task: str, event: str, version: int, alias: str | None, digest: str) -> None:
+    values = {"task": task, "event": event, "version": version, "alias": alias, "digest": digest}
+    connection.execute(CHANGES.insert().values(stamp_ns=time.time_ns(), **values))
+
+
+def _engine(url: str) -> sa.Engine:
+    if not url.startswith("sqlite"):
+        return sa.create_engine(url, pool_pre_ping=True)
+    engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
+
+    @sa.event.listens_for(engine, "connect")
+    def _on_connect(connection: Any, _: object) -> None:
+        connection.isolation_level = None
+        connection.execute("PRAGMA foreign_keys = ON")
+
+    @sa.event.listens_for(engine, "begin")
+    def _on_begin(connection: sa.Connection) -> None:
+        # Writers queue from their first look on, so that none decides on what another is about to change.
+        reading = connection.get_execution_options().get(READING)
+        connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
+
+    return engine
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
