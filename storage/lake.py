@@ -33,6 +33,7 @@ from storage.rows import (
 from storage.table import LostRaceError, Table
 
 Result = TypeVar("Result")
+Files = Sequence[str | Path] | Mapping[str, Sequence[str | Path]]
 CorrectionKind = Literal["exclude", "restore", "relabel"]
 
 ATTEMPTS: Final = 50
@@ -92,9 +93,13 @@ class Lake:
         """
         return self.add_all([demonstration], files)[0]
 
-    def add_all(self, demonstrations: Sequence[Demonstration], files: Sequence[str | Path] = ()) -> list[bool]:
-        """Ingest many in one commit: for each whether it is new. With a ConflictError none is ingested."""
-        names = [str(file) for file in files]
+    def add_all(self, demonstrations: Sequence[Demonstration], files: Files = ()) -> list[bool]:
+        """Ingest many in one commit: for each whether it is new. With a ConflictError none is ingested.
+
+        `files` are the recordings that all of them came from or, as a mapping, those of each by its id.
+        """
+        by_id = files if isinstance(files, Mapping) else {each.demonstration_id: files for each in demonstrations}
+        names = {demonstration_id: [str(file) for file in paths] for demonstration_id, paths in by_id.items()}
         return _until_won(lambda: self._try_to_add(demonstrations, names))
 
     def demonstrations(self, task: str | None = None, include_excluded: bool = False) -> list[Demonstration]:
@@ -124,10 +129,11 @@ class Lake:
 
     def known_files(self) -> dict[str, str | None]:
         """The digest of each recording that was ingested or quarantined, by its path; the newest word counts."""
-        words = [(record.quarantined_ns, record.file, record.sha256) for record in self._quarantine_records()]
-        for row in self._demonstrations.read(["files", "sha256", "ingested_ns"]).to_pylist():
-            words.extend((row["ingested_ns"], file, row["sha256"]) for file in row["files"])
-        return {file: sha256 for _, file, sha256 in sorted(words, key=lambda word: word[0])}
+        return {file: sha256 for _, file, sha256 in self._words()}
+
+    def known_since_ns(self) -> dict[str, int]:
+        """When each recording was last ingested or quarantined, by its path: what changed later is unknown."""
+        return {file: stamp_ns for stamp_ns, file, _ in self._words()}
 
     def quarantine(self, file: str | Path, sha256: str | None, reason: str) -> bool:
         """Record that a recording was refused. False if just this was recorded before."""
@@ -167,7 +173,7 @@ class Lake:
         for table in (self._demonstrations, self._actions, self._quarantine, self._corrections):
             table.compact()
 
-    def _try_to_add(self, demonstrations: Sequence[Demonstration], files: Sequence[str]) -> list[bool]:
+    def _try_to_add(self, demonstrations: Sequence[Demonstration], files: Mapping[str, Sequence[str]]) -> list[bool]:
         digests, new, answers = self._digests(), [], []
         for demonstration in demonstrations:
             stored = digests.setdefault(demonstration.demonstration_id, "")
@@ -181,7 +187,7 @@ class Lake:
             self._write(new, files)
         return answers
 
-    def _write(self, new: Sequence[Demonstration], files: Sequence[str]) -> None:
+    def _write(self, new: Sequence[Demonstration], files: Mapping[str, Sequence[str]]) -> None:
         """Actions first: until the demonstration's own row is there, nobody sees them, and a second try skips them."""
         marks = {_action_mark(demonstration): demonstration for demonstration in new if demonstration.actions}
         missing = {mark: marks[mark] for mark in marks.keys() - self._actions.committed(marks)}
@@ -234,6 +240,13 @@ class Lake:
         row = {"serial": serial, "corrected_ns": time.time_ns(), "kind": kind, "demonstration_id": demonstration_id}
         rows = pa.Table.from_pylist([row | {"step": step, "type": type_}], CORRECTIONS)
         self._corrections.append(rows, {"corrections": serial})
+
+    def _words(self) -> list[tuple[int, str, str | None]]:
+        """Stamp, path and digest of whatever became of a recording, oldest first."""
+        words = [(record.quarantined_ns, record.file, record.sha256) for record in self._quarantine_records()]
+        for row in self._demonstrations.read(["files", "sha256", "ingested_ns"]).to_pylist():
+            words.extend((row["ingested_ns"], file, row["sha256"]) for file in row["files"])
+        return sorted(words, key=lambda word: word[0])
 
     def _next_serial(self) -> int:
         """Taken before a decision is made, so that a correction that was made meanwhile is noticed."""

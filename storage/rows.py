@@ -71,9 +71,11 @@ ACTION_ORDER: Final = ("type", "object", "frame", "demonstration_id", "step")
 POSE_COLUMNS: Final = ("frame_in_base", "end_effector_in_frame", "rest_in_frame")
 
 
-def demonstration_rows(demonstrations: Iterable[Demonstration], files: Sequence[str], ingested_ns: int) -> pa.Table:
-    """The rows of DEMONSTRATIONS; `files` are the recordings that they came from."""
-    rows = [_demonstration_row(demonstration, files, ingested_ns) for demonstration in demonstrations]
+def demonstration_rows(
+    demonstrations: Iterable[Demonstration], files: Mapping[str, Sequence[str]], ingested_ns: int
+) -> pa.Table:
+    """The rows of DEMONSTRATIONS; `files` are the recordings that each came from, by its id."""
+    rows = [_demonstration_row(each, files.get(each.demonstration_id, ()), ingested_ns) for each in demonstrations]
     return pa.Table.from_pylist(rows, DEMONSTRATIONS)
 
 
