@@ -1,0 +1,731 @@
+"""The format of a recording (CONTRACT, section 2): its words, its writer and its reader.
+
+MCAP file
+├── metadata `treewright.demonstration`   written first (outcome unknown) and last; the last one wins
+├── /poses     protobuf  foxglove.FrameTransforms
+├── /gripper   json      treewright.GripperState
+├── /action    json      treewright.DemonstratedAction
+└── /…         any other key of the cell, byte for byte; `zenoh_encoding` in the channel's metadata
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import zlib
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Final, Self, cast
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from google.protobuf.descriptor import FileDescriptor
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import DecodeError
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+from learner.model import ActionPress, GripperSample, ObjectShape, Pose, Recording, Scene, Track
+from learner.model.demonstration import Symmetry
+from recorder import records
+from recorder.chunks import Batch, PackedChunk, pack_chunk
+from recorder.errors import NotARecordingError, PartMissingError, RecorderError
+
+CONTRACT: Final = "1"
+DEMONSTRATION: Final = "treewright.demonstration"
+"""The name of the metadata record."""
+POSES, GRIPPER, ACTION = "/poses", "/gripper", "/action"
+POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
+GRIPPER_ENCODING: Final = "application/json;treewright.GripperState"
+ACTION_ENCODING: Final = "application/json;treewright.DemonstratedAction"
+CHUNK_BYTES: Final = 1 << 20
+NS: Final = 1_000_000_000
+UNFINISHED: Final = ".part"
+"""Ends the name of a recording that is still being written."""
+LIBRARY: Final = "treewright"
+
+
+# --- the words ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Demonstrated:
+    """The metadata record of a recording: what was demonstrated, by whom, where, and how it ended.
+
+    `part` numbers the parts of a split demonstration from 1; `continued` says that another part follows. `scene` is
+    the JSON text of the contract. `more` holds every further entry of the record, kept as it is.
+    """
+
+    demonstration_id: str
+    task: str
+    user: str
+    cell: str
+    base_frame: str
+    end_effector_frame: str
+    objects: tuple[str, ...]
+    outcome: str = "unknown"
+    start_ns: int | None = None
+    messages_lost: Mapping[str, int | None] | None = None
+    part: int | None = None
+    continued: bool = False
+    scene: str | None = None
+    gaps: tuple[str, ...] = ()
+    more: Mapping[str, str] = field(default_factory=dict)
+
+    def to_metadata(self) -> dict[str, str]:
+        """The entries of the record, all strings."""
+        optional = {
+            "start_ns": self.start_ns,
+            "messages_lost": None if self.messages_lost is None else json.dumps(self.messages_lost, sort_keys=True),
+            "part": self.part,
+            "continued": "true" if self.continued else None,
+            "scene": self.scene,
+            "gaps": json.dumps(self.gaps) if self.gaps else None,
+        }
+        return {
+            **self.more,
+            "contract": CONTRACT,
+            **{name: getattr(self, name) for name in _REQUIRED_STRINGS},
+            "objects": json.dumps(self.objects),
+            **{name: str(value) for name, value in optional.items() if value is not None},
+        }
+
+    @staticmethod
+    def from_metadata(file: Path, metadata: Mapping[str, str]) -> Demonstrated:
+        """The record as read from `file`. Raises NotARecordingError for what the contract does not admit."""
+        missing = [name for name in ("contract", *_REQUIRED_STRINGS, "objects") if name not in metadata]
+        if missing:
+            raise NotARecordingError(file, f"its record {DEMONSTRATION} lacks {', '.join(missing)}")
+        if metadata["contract"] != CONTRACT:
+            raise NotARecordingError(
+                file, f"it keeps version {metadata['contract']!r} of the contract; this program knows {CONTRACT}"
+            )
+        return Demonstrated(
+            **{name: metadata[name] for name in _REQUIRED_STRINGS},
+            objects=_names(file, metadata["objects"]),
+            start_ns=_whole_number(file, "start_ns", metadata.get("start_ns")),
+            messages_lost=_lost(file, metadata.get("messages_lost")),
+            part=_whole_number(file, "part", metadata.get("part")),
+            continued=metadata.get("continued") == "true",
+            scene=metadata.get("scene") or None,
+            gaps=_sentences(metadata.get("gaps")),
+            more={name: text for name, text in metadata.items() if name not in _KNOWN},
+        )
+
+
+_REQUIRED_STRINGS: Final = (
+    "demonstration_id", "task", "user", "cell", "base_frame", "end_effector_frame", "outcome",
+)  # fmt: skip
+_KNOWN: Final = {
+    "contract", *_REQUIRED_STRINGS, "objects", "start_ns", "messages_lost", "part", "continued", "scene", "gaps",
+}  # fmt: skip
+
+
+def _json(file: Path, what: str, text: str | bytes) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise NotARecordingError(file, f"{what} is not JSON: {error}") from error
+
+
+def _names(file: Path, text: str) -> tuple[str, ...]:
+    names = _json(file, "`objects` of its record", text)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise NotARecordingError(file, f"`objects` of its record is not a JSON array of names: {text[:80]}")
+    return tuple(names)
+
+
+def _whole_number(file: Path, name: str, text: str | None) -> int | None:
+    if not text:
+        return None
+    if not text.isascii() or not text.isdigit() or int(text) >= 2**63:
+        raise NotARecordingError(file, f"`{name}` of its record is not a whole number: {text[:80]!r}")
+    return int(text)
+
+
+def _lost(file: Path, text: str | None) -> dict[str, int | None] | None:
+    if not text:
+        return None
+    lost = _json(file, "`messages_lost` of its record", text)
+    counts = isinstance(lost, dict) and all(count is None or type(count) is int for count in lost.values())
+    if not counts:
+        raise NotARecordingError(file, f"`messages_lost` of its record does not count by topic: {text[:80]}")
+    return cast(dict[str, int | None], lost)
+
+
+def _sentences(text: str | None) -> tuple[str, ...]:
+    """Our own addition to the record; another writer may mean anything by the word, so it is never refused."""
+    try:
+        sentences = json.loads(text or "[]")
+    except ValueError:
+        return (text or "",)
+    return tuple(map(str, sentences)) if isinstance(sentences, list) else (str(sentences),)
+
+
+def parse_scene(text: str) -> Scene:
+    """The scene of the contract, section 2. Raises ValueError with what is wrong with it."""
+    try:
+        data = json.loads(text)
+        shapes = {str(name): _shape(name, shape) for name, shape in data.get("objects", {}).items()}
+        workspace = data.get("workspace_m")
+        return Scene(shapes, None if workspace is None else _workspace(workspace))
+    except (ValueError, TypeError, AttributeError, KeyError, RecursionError) as error:
+        raise ValueError(f"the scene is not as the contract's section 2 has it: {error}") from error
+
+
+def _shape(name: str, shape: Mapping[str, Any]) -> ObjectShape:
+    size = tuple(_finite(number) for number in shape["size_m"])
+    symmetry = shape.get("symmetry", "none")
+    if len(size) != 3 or min(size) <= 0:
+        raise ValueError(f"the size of {name} is not three positive lengths")
+    if symmetry not in ("none", "cube", "box", "vertical"):
+        raise ValueError(f"the symmetry of {name} is {symmetry!r}")
+    return ObjectShape(size, cast(Symmetry, symmetry))
+
+
+def _workspace(pairs: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+    (x0, x1), (y0, y1) = [[_finite(number) for number in pair] for pair in pairs]
+    if x0 >= x1 or y0 >= y1:
+        raise ValueError("the workspace is empty")
+    return ((x0, x1), (y0, y1))
+
+
+def _finite(number: Any) -> float:
+    if isinstance(number, bool) or not math.isfinite(value := float(number)):
+        raise ValueError(f"{number!r} is not a finite number")
+    return value
+
+
+def file_descriptor_set(message: type[FrameTransforms]) -> bytes:
+    """The FileDescriptorSet of a protobuf message, dependencies first: what an MCAP reader needs to decode it."""
+    found = FileDescriptorSet()
+    seen: set[str] = set()
+
+    def add(descriptor: FileDescriptor) -> None:
+        if descriptor.name in seen:
+            return
+        seen.add(descriptor.name)
+        for dependency in descriptor.dependencies:
+            add(dependency)
+        descriptor.CopyToProto(found.file.add())
+
+    add(message.DESCRIPTOR.file)
+    return found.SerializeToString()
+
+
+_GRIPPER_SCHEMA: Final = {
+    "title": "treewright.GripperState",
+    "type": "object",
+    "properties": {
+        "stamp_ns": {"type": "integer", "description": "nanoseconds since the Unix epoch"},
+        "state": {"enum": ["open", "closed"]},
+        "width_m": {"type": ["number", "null"], "description": "metres between the fingers"},
+    },
+    "required": ["stamp_ns", "state"],
+}
+_ACTION_SCHEMA: Final = {
+    "title": "treewright.DemonstratedAction",
+    "type": "object",
+    "properties": {
+        "stamp_ns": {"type": "integer", "description": "the moment the operator chose it, in ns since the Unix epoch"},
+        "type": {"enum": ["pick", "place", "drop"]},
+        "object": {"type": ["string", "null"]},
+    },
+    "required": ["stamp_ns", "type"],
+}
+
+
+def _schema(topic: str) -> Schema | None:
+    """The schema of a topic of the contract; other topics have none."""
+    if topic == POSES:
+        return Schema(
+            id=1, name="foxglove.FrameTransforms", encoding="protobuf", data=file_descriptor_set(FrameTransforms)
+        )
+    known = {GRIPPER: (2, _GRIPPER_SCHEMA), ACTION: (3, _ACTION_SCHEMA)}
+    if topic not in known:
+        return None
+    number, schema = known[topic]
+    text = json.dumps(schema, sort_keys=True).encode()
+    return Schema(id=number, name=str(schema["title"]), encoding="jsonschema", data=text)
+
+
+_DEFAULT_ENCODING: Final = {POSES: POSES_ENCODING, GRIPPER: GRIPPER_ENCODING, ACTION: ACTION_ENCODING}
+_MEDIA: Final = (("application/json", "json"), ("text/json", "json"), ("application/protobuf", "protobuf"))
+
+
+def _message_encoding(topic: str, zenoh_encoding: str) -> str:
+    """MCAP's word for a payload. Without a schema readers can decode JSON alone, so the rest goes by its media type."""
+    if topic in _DEFAULT_ENCODING:
+        return "protobuf" if topic == POSES else "json"
+    media = zenoh_encoding.partition(";")[0]
+    return dict(_MEDIA[:2]).get(media, media)
+
+
+# --- the writer -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A recording that is whole: its path, messages by topic, and the digest of its bytes."""
+
+    file: Path
+    messages: Mapping[str, int]
+    sha256: str
+
+
+class RecordingWriter:
+    """Writes one recording beside its place (`<file>.part`) and renames it there when it is whole.
+
+    `write` is for everyone; the recorder hands over batches that it packed on arrival (`write_batch`). `sync` makes
+    durable what was written. `finish` closes, verifies by reading back, and renames; a block that ends without it, or
+    by an exception, leaves the unfinished file, which `treewright recover` completes. Not safe for threads, except
+    that `sync` may run beside the rest.
+
+    Raises OSError as the file system does; RecorderError if the file exists or reads back otherwise than written.
+    """
+
+    def __init__(self, file: Path, demonstrated: Demonstrated) -> None:
+        self.file, self.demonstrated = file, demonstrated
+        self.unfinished = file.with_name(file.name + UNFINISHED)
+        if file.exists():
+            raise RecorderError(f"{file} exists already; a recording is never overwritten")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self._stream: IO[bytes] = self.unfinished.open("xb", buffering=0)
+        self._batch = Batch()
+        self._summary = _Summary()
+        self._sha256 = hashlib.sha256()
+        self._offset = 0
+        self._ids: dict[tuple[str, str], int] = {}
+        self._begin()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stream.close()
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes written so far."""
+        return self._offset
+
+    @property
+    def messages(self) -> dict[str, int]:
+        """Messages written so far by topic."""
+        return self._summary.messages()
+
+    def write(
+        self,
+        topic: str,
+        payload: bytes,
+        log_ns: int,
+        publish_ns: int | None = None,
+        sequence: int = 0,
+        encoding: str | None = None,
+    ) -> None:
+        """Append a message; times in [ns]. `encoding` is its Zenoh encoding, by default the contract's."""
+        encoding = _DEFAULT_ENCODING.get(topic, "zenoh/bytes") if encoding is None else encoding
+        if (topic, encoding) not in self._ids:
+            self._ids[topic, encoding] = len(self._ids) + 1
+            self.add_channel(self._ids[topic, encoding], topic, encoding)
+        publish = log_ns if publish_ns is None else publish_ns
+        self._batch.add(self._ids[topic, encoding], sequence, log_ns, publish, payload)
+        if self._batch.size_bytes >= CHUNK_BYTES:
+            self.close_chunk()
+
+    def close_chunk(self) -> None:
+        """Write what `write` has gathered as one chunk."""
+        batch, self._batch = self._batch, Batch()
+        if len(batch):
+            self.write_batch(batch)
+
+    def add_channel(self, channel: int, topic: str, encoding: str) -> None:
+        """Tell of a channel, before its first message; `encoding` is Zenoh's. A second time changes nothing."""
+        if channel in self._summary.channels:
+            return
+        schema = _schema(topic)
+        if schema and schema.id not in self._summary.schemas:
+            self._summary.schemas[schema.id] = schema
+            self._record(schema)
+        described = Channel(
+            id=channel,
+            topic=topic,
+            message_encoding=_message_encoding(topic, encoding),
+            metadata={"zenoh_encoding": encoding},
+            schema_id=schema.id if schema else 0,
+        )
+        self._summary.channels[channel] = described
+        self._record(described)
+
+    def write_batch(self, batch: Batch) -> None:
+        """Write a batch of at least one message as one chunk; its channels were told before."""
+        packed = pack_chunk(batch)
+        self._summary.add_chunk(packed, self._offset)
+        self._write(packed.record + packed.indexes)
+
+    def sync(self) -> None:
+        """Make durable what was written before the call."""
+        os.fdatasync(self._stream.fileno())
+
+    def finish(self, demonstrated: Demonstrated | None = None) -> Finished:
+        """Close, make durable, verify by reading back, rename. The record of what was demonstrated is written last."""
+        self.close_chunk()
+        self._metadata(demonstrated or self.demonstrated)
+        self._write(self._summary.tail(self._offset))
+        os.fsync(self._stream.fileno())
+        self._forget_cached()
+        self._stream.close()
+        finished = Finished(self.file, self.messages, self._sha256.hexdigest())
+        verify(self.unfinished, finished)
+        self.unfinished.rename(self.file)
+        sync_folder(self.file.parent)
+        return finished
+
+    def _begin(self) -> None:
+        self._write(records.MAGIC)
+        self._record(Header(profile="", library=LIBRARY))
+        self._metadata(replace(self.demonstrated, outcome="unknown"))
+        self.sync()
+        sync_folder(self.file.parent)
+
+    def _metadata(self, demonstrated: Demonstrated) -> None:
+        offset = self._offset
+        self._record(Metadata(name=DEMONSTRATION, metadata=demonstrated.to_metadata()))
+        self._summary.metadata.append(MetadataIndex(offset=offset, length=self._offset - offset, name=DEMONSTRATION))
+
+    def _record(self, record: Any) -> None:
+        self._write(records.packed(record))
+
+    def _write(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view:
+            # A raw stream may take only a part: what it took is in the file, whatever happens next.
+            taken = os.write(self._stream.fileno(), view)
+            self._sha256.update(view[:taken])
+            self._offset += taken
+            view = view[taken:]
+
+    def _forget_cached(self) -> None:
+        """So that verification reads what the disk holds, where the system follows the advice."""
+        os.posix_fadvise(self._stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+@dataclass
+class _Summary:
+    """What the end of an MCAP file repeats of the rest."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    metadata: list[MetadataIndex] = field(default_factory=list)
+    counts: dict[int, int] = field(default_factory=lambda: defaultdict(int))
+
+    def add_chunk(self, packed: PackedChunk, offset: int) -> None:
+        self.chunks.append(packed.at(offset))
+        for channel, count in packed.counts.items():
+            self.counts[channel] += count
+
+    def messages(self) -> dict[str, int]:
+        total: dict[str, int] = defaultdict(int)
+        for channel, count in list(self.counts.items()):
+            total[self.channels[channel].topic] += count
+        return dict(sorted(total.items()))
+
+    def statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self.channels),
+            channel_message_counts=dict(self.counts),
+            chunk_count=len(self.chunks),
+            message_count=sum(self.counts.values()),
+            message_end_time=max((chunk.message_end_time for chunk in self.chunks), default=0),
+            message_start_time=min((chunk.message_start_time for chunk in self.chunks), default=0),
+            metadata_count=len(self.metadata),
+            schema_count=len(self.schemas),
+        )
+
+    def tail(self, offset: int) -> bytes:
+        """The data section's end, the summary and the footer, for a data section that ends at `offset` [bytes]."""
+        data_end = records.packed(DataEnd(data_section_crc=0))
+        start = offset + len(data_end)
+        groups: dict[Opcode, Sequence[Any]] = {
+            Opcode.SCHEMA: list(self.schemas.values()),
+            Opcode.CHANNEL: list(self.channels.values()),
+            Opcode.STATISTICS: [self.statistics()],
+            Opcode.CHUNK_INDEX: self.chunks,
+            Opcode.METADATA_INDEX: self.metadata,
+        }
+        summary, offsets = b"", []
+        for opcode, group in groups.items():
+            data = records.packed(*group)
+            if data:
+                offsets.append(SummaryOffset(opcode, start + len(summary), len(data)))
+            summary += data
+        return data_end + _with_footer(summary + records.packed(*offsets), start, start + len(summary))
+
+
+def _with_footer(summary: bytes, start: int, offsets_start: int) -> bytes:
+    footer = records.packed(Footer(summary_start=start, summary_offset_start=offsets_start, summary_crc=0))
+    unsigned = footer[:-4]
+    crc = zlib.crc32(summary + unsigned)
+    return summary + unsigned + crc.to_bytes(4, "little") + records.MAGIC
+
+
+def verify(file: Path, finished: Finished) -> None:
+    """Read a finished file back. Raises RecorderError if it is not, byte for byte, what was written."""
+    with file.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    if digest != finished.sha256:
+        raise RecorderError(f"{file} reads back otherwise than it was written; check the disk, then recover the file")
+
+
+def sync_folder(folder: Path) -> None:
+    """Make durable which names a folder holds."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+# --- the reader -----------------------------------------------------------------------------------------------------
+
+
+def read_header(file: Path) -> Demonstrated:
+    """What a file's last metadata record says; the messages are not decoded.
+
+    Raises NotARecordingError and TornRecordingError as `read_recording` does, OSError if the file cannot be read.
+    """
+    last: Metadata | None = None
+    for record in records.walk(file):
+        if record.opcode == Opcode.METADATA:
+            parsed = cast(Metadata, records.parse(file, record))
+            last = parsed if parsed.name == DEMONSTRATION else last
+    if last is None:
+        raise NotARecordingError(file, f"it has no metadata record {DEMONSTRATION}")
+    return Demonstrated.from_metadata(file, last.metadata)
+
+
+def sha256_of(files: Sequence[Path]) -> str:
+    """The digest of the files' bytes, in this order."""
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            for block in iter(lambda: stream.read(1 << 20), b""):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def sort_parts(files: Sequence[Path]) -> list[Path]:
+    """The parts of one split demonstration in their order, or the one file of an unsplit one.
+
+    Raises PartMissingError if one is missing, RecorderError if they are not parts of one demonstration.
+    """
+    headers = {file: read_header(file) for file in files}
+    ordered = sorted(files, key=lambda file: headers[file].part or 1)
+    numbers = [headers[file].part or 1 for file in ordered]
+    identifier = headers[ordered[0]].demonstration_id
+    if len({header.demonstration_id for header in headers.values()}) > 1 or len(set(numbers)) < len(numbers):
+        raise RecorderError(f"{', '.join(map(str, files))} are not the parts of one demonstration")
+    expected = range(1, len(numbers) + (2 if headers[ordered[-1]].continued else 1))
+    missing = next((number for number in expected if number not in numbers), None)
+    if missing is not None:
+        raise PartMissingError(identifier, numbers, missing)
+    return ordered
+
+
+def read_recording(paths: Sequence[Path]) -> Recording:
+    """The recording in one file, or in the parts of a split one (given in any order).
+
+    Poses relative to another frame than the base, and such without a finite position, a rotation or a stamp, are no
+    sightings and left out. Of exactly equal presses one is kept.
+
+    Raises NotARecordingError for a file that is none or is damaged, TornRecordingError for one that ends before its
+    end, PartMissingError for a split one that is not all there, OSError if a file cannot be read.
+    """
+    if not paths:
+        raise RecorderError("a recording is at least one file")
+    files = sort_parts(paths)
+    parts = [_Part(file) for file in files]
+    first, last = parts[0].demonstrated, parts[-1].demonstrated
+    scene = next((part.demonstrated.scene for part in parts if part.demonstrated.scene), None)
+    return Recording(
+        demonstration_id=first.demonstration_id,
+        task=first.task,
+        user=first.user,
+        cell=first.cell,
+        base_frame=first.base_frame,
+        end_effector_frame=first.end_effector_frame,
+        objects=first.objects,
+        outcome=last.outcome,
+        tracks=_tracks(first.base_frame, parts),
+        gripper=tuple(sorted((s for part in parts for s in part.gripper), key=lambda sample: sample.stamp_ns)),
+        presses=tuple(sorted(dict.fromkeys(p for part in parts for p in part.presses), key=lambda p: p.stamp_ns)),
+        sha256=sha256_of(files),
+        start_ns=first.start_ns,
+        messages_lost=_joined_losses([part.demonstrated.messages_lost for part in parts]),
+        scene=None if scene is None else _scene(files[0], scene),
+        parents=frozenset().union(*(part.parents for part in parts)),
+        gaps=tuple(dict.fromkeys(gap for part in parts for gap in part.demonstrated.gaps)),
+    )
+
+
+def _scene(file: Path, text: str) -> Scene:
+    try:
+        return parse_scene(text)
+    except ValueError as error:
+        raise NotARecordingError(file, str(error)) from error
+
+
+def _joined_losses(parts: Sequence[Mapping[str, int | None] | None]) -> dict[str, int | None] | None:
+    """Losses add up over the parts; what is unknown in one is unknown in all."""
+    counted = [part for part in parts if part is not None]
+    total: dict[str, int | None] = {}
+    for part in counted:
+        for topic, count in part.items():
+            before = total.get(topic, 0)
+            total[topic] = None if count is None or before is None else before + count
+    return total if counted else None
+
+
+_Sighting = tuple[int, float, float, float, float, float, float, float]
+
+
+class _Part:
+    """One file, decoded."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.gripper: list[GripperSample] = []
+        self.presses: list[ActionPress] = []
+        self.parents: frozenset[str] = frozenset()
+        self.sightings: dict[tuple[str, str], list[_Sighting]] = defaultdict(list)
+        self.demonstrated = read_header(file)
+        decoders = {POSES: self._poses, GRIPPER: self._gripper, ACTION: self._action}
+        for channel, message in messages(file, frozenset(decoders)):
+            decoders[channel.topic](channel, message.data)
+        self.parents = frozenset(parent for parent, _ in self.sightings)
+
+    def _poses(self, channel: Channel, data: bytes) -> None:
+        if channel.message_encoding != "protobuf":
+            raise NotARecordingError(self.file, f"{POSES} is encoded as {channel.message_encoding!r}, not as protobuf")
+        try:
+            transforms = FrameTransforms.FromString(data)
+        except DecodeError as error:
+            raise NotARecordingError(self.file, f"a message on {POSES} is no foxglove.FrameTransforms") from error
+        for transform in transforms.transforms:
+            sighting = _sighting(transform)
+            if sighting:
+                self.sightings[transform.parent_frame_id, transform.child_frame_id].append(sighting)
+
+    def _gripper(self, channel: Channel, data: bytes) -> None:
+        stamp, sample = self._stamped(channel, data)
+        state, width = sample.get("state"), sample.get("width_m")
+        if state not in ("open", "closed"):
+            raise NotARecordingError(self.file, f"a message on {GRIPPER} has the state {state!r}, not open or closed")
+        told = isinstance(width, int | float) and not isinstance(width, bool)
+        self.gripper.append(GripperSample(stamp, state, float(cast(float, width)) if told else None))
+
+    def _action(self, channel: Channel, data: bytes) -> None:
+        stamp, press = self._stamped(channel, data)
+        kind, name = press.get("type"), press.get("object")
+        if not isinstance(kind, str) or not (name is None or isinstance(name, str)):
+            raise NotARecordingError(self.file, f"a message on {ACTION} needs a type and may name an object: {press}")
+        self.presses.append(ActionPress(stamp, kind, name))
+
+    def _stamped(self, channel: Channel, data: bytes) -> tuple[int, dict[str, Any]]:
+        content = _json(self.file, f"a message on {channel.topic}", data)
+        stamp = content.get("stamp_ns") if isinstance(content, dict) else None
+        if type(stamp) is not int or not 0 <= stamp < 2**63:
+            raise NotARecordingError(
+                self.file, f"a message on {channel.topic} has no stamp_ns in whole nanoseconds: {content!s:.80}"
+            )
+        return stamp, content
+
+
+def _sighting(transform: Any) -> _Sighting | None:
+    t, r, stamp = transform.translation, transform.rotation, transform.timestamp
+    numbers = (t.x, t.y, t.z, r.x, r.y, r.z, r.w)
+    norm = math.sqrt(r.x * r.x + r.y * r.y + r.z * r.z + r.w * r.w)
+    stamp_ns = stamp.seconds * NS + stamp.nanos
+    if not all(map(math.isfinite, numbers)) or norm < 1e-6 or not 0 < stamp_ns < 2**63:
+        return None
+    return (stamp_ns, t.x, t.y, t.z, r.x / norm, r.y / norm, r.z / norm, r.w / norm)
+
+
+def _tracks(base_frame: str, parts: Sequence[_Part]) -> dict[str, Track]:
+    joined: dict[str, list[_Sighting]] = defaultdict(list)
+    for part in parts:
+        for (parent, child), sightings in part.sightings.items():
+            if parent == base_frame:
+                joined[child] += sightings
+    return {child: _track(sightings) for child, sightings in sorted(joined.items())}
+
+
+def _track(sightings: list[_Sighting]) -> Track:
+    stamps = np.array([sighting[0] for sighting in sightings], dtype=np.int64)
+    numbers = np.array([sighting[1:] for sighting in sightings], dtype=np.float64)
+    order = np.argsort(stamps, kind="stable")
+    return Track(stamps[order], numbers[order, :3], numbers[order, 3:])
+
+
+def messages(file: Path, topics: frozenset[str] | None = None) -> Iterator[tuple[Channel, Message]]:
+    """The messages of a file in the order in which they were recorded, of these topics or of all.
+
+    Every chunk's checksum is verified. Raises as `read_recording`.
+    """
+    channels: dict[int, Channel] = {}
+    for record in records.walk(file):
+        if record.opcode == Opcode.DATA_END:
+            continue
+        for found in _contents(file, record):
+            if isinstance(found, Channel):
+                channels[found.id] = found
+            elif isinstance(found, Message):
+                channel = channels.get(found.channel_id)
+                if channel is None:
+                    raise NotARecordingError(
+                        file, f"it is damaged: a message on channel {found.channel_id}, never told"
+                    )
+                if topics is None or channel.topic in topics:
+                    yield channel, found
+
+
+def _contents(file: Path, record: records.Record) -> Sequence[Any]:
+    if record.opcode == Opcode.CHUNK:
+        return records.unpack(file, record)
+    if record.opcode == Opcode.MESSAGE:
+        return [records.message(file, record)]
+    return [found] if (found := records.parse(file, record)) is not None else []
+
+
+def pose_message(stamp_ns: int, base_frame: str, poses: Mapping[str, Pose]) -> bytes:
+    """A message for /poses: the poses of children in the base frame, all at one stamp [ns]."""
+    message = FrameTransforms()
+    for child, pose in poses.items():
+        transform = message.transforms.add()
+        transform.timestamp.seconds, transform.timestamp.nanos = divmod(stamp_ns, NS)
+        transform.parent_frame_id, transform.child_frame_id = base_frame, child
+        t, r = transform.translation, transform.rotation
+        t.x, t.y, t.z = pose.position
+        r.x, r.y, r.z, r.w = pose.quaternion_xyzw
+    return message.SerializeToString()
