@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from learner.model import Definition, Demonstration, Node, Tree
+from learner.model import Demonstration, Tree
 from learner.model.names import identifier
 
 
@@ -19,7 +19,7 @@ class Learned:
     notes: tuple[str, ...]
 
 
-def main_definition(demonstrations: Sequence[Demonstration], root: Node) -> Definition:
-    """The main tree, named after the task; a name that begins with a digit gets a 'T' before it."""
+def main_id(demonstrations: Sequence[Demonstration]) -> str:
+    """The ID of the main tree: the task's name; one that begins with a digit gets a 'T' before it."""
     name = identifier(demonstrations[0].task)
-    return Definition(name if not name[0].isdigit() else f"T{name}", root)
+    return name if not name[0].isdigit() else f"T{name}"

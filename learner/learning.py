@@ -10,11 +10,12 @@ from learner.learned import Learned
 from learner.model import Demonstration
 from learner.paper import learn_plainly
 from learner.parameters import Parameters
+from learner.treewright import learn_robustly
 
 Method = Callable[[Sequence[Demonstration], Parameters], Learned]
 
-METHODS: Final[Mapping[str, Method]] = {"paper": learn_plainly}
-DEFAULT_METHOD: Final = "paper"
+METHODS: Final[Mapping[str, Method]] = {"treewright": learn_robustly, "paper": learn_plainly}
+DEFAULT_METHOD: Final = "treewright"
 
 
 def learn(

@@ -15,8 +15,8 @@ import numpy as np
 from learner.backchaining import Operator, Planner
 from learner.clustering import Cluster, clusters_in_frame
 from learner.constraints import goals, guards
-from learner.learned import Learned, main_definition
-from learner.model import Action, Demonstration, Drop, Pick, Place, SetGripper, Tree
+from learner.learned import Learned, main_id
+from learner.model import Action, Definition, Demonstration, Drop, Pick, Place, SetGripper, Tree
 from learner.model.condition import GripperState
 from learner.model.tree import Node, fallback
 from learner.parameters import PaperParameters, Parameters
@@ -43,7 +43,7 @@ def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameter
         "groups": [{"demonstrations": sorted(_members(group, sequences, demonstrations))} for group in groups],
         "actions": [_describe(action) for action in sorted(actions.values(), key=repr)],
     }
-    return Learned(Tree(main_definition(demonstrations, root)), report, ())
+    return Learned(Tree(Definition(main_id(demonstrations), root)), report, ())
 
 
 def identify(

@@ -22,10 +22,11 @@ def rounded_vector(values: Iterable[float]) -> Vector:
 
 
 def rounded_quaternion(values: Iterable[float]) -> Quaternion:
-    """A quaternion xyzw, rounded, with w >= 0."""
-    x, y, z, w = (float(value) for value in values)
-    sign = -1.0 if w < 0 else 1.0
-    return (rounded(sign * x), rounded(sign * y), rounded(sign * z), rounded(sign * w))
+    """A quaternion xyzw, rounded, of the two signs the one whose last number that is not zero is positive."""
+    x, y, z, w = (rounded(value) for value in values)
+    if next((value for value in (w, z, y, x) if value), 1.0) < 0:
+        return (-x + 0.0, -y + 0.0, -z + 0.0, -w + 0.0)
+    return (x, y, z, w)
 
 
 def rounded_pose(pose: Pose) -> Pose:

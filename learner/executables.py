@@ -1,0 +1,129 @@
+"""From targets to executable actions: one grasp an object, one placement a target, radii from spread and neighbours."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from learner.model import Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
+from learner.model.demonstration import Symmetry
+from learner.moves import Move
+from learner.parameters import Parameters
+from learner.rounding import rounded, rounded_pose, rounded_vector
+from learner.symmetry import mean_in_object, mean_of_object, robust_mean, upright_axis
+from learner.targets import Target
+
+RELEASE_CLEARANCE_M = 0.005
+"""How far above its rest an object is let go where the operator's label of a drop was corrected to a placement."""
+
+
+class Executables:
+    """The actions of a task: `grasps` in each object's own frame, `placements` by target."""
+
+    def __init__(
+        self,
+        demonstrations: Sequence[Demonstration],
+        moves: Sequence[Move],
+        targets: Sequence[Target],
+        parameters: Parameters,
+    ) -> None:
+        self.parameters, self.moves, self.demonstrations = parameters, moves, demonstrations
+        self.scene = scene_of(demonstrations)
+        self.axes: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.float64]]] = {}
+        self.grasps = {name: self._grasp(name) for name in sorted({move.object for move in moves})}
+        self.nearest_m = nearest_rests_m(demonstrations, moves, targets)
+        self.placements: dict[Target, Place | Drop] = {target: self._placement(target) for target in targets}
+
+    def pick(self, name: str) -> Pick:
+        """The mean grasp of an object, in its own frame."""
+        grasp = rounded_pose(self.grasps[name])
+        return Pick(name, name, grasp.position, grasp.quaternion_xyzw)
+
+    def _symmetry(self, name: str) -> Symmetry:
+        return self._shape(name).symmetry
+
+    def _shape(self, name: str) -> ObjectShape:
+        unknown = ObjectShape((0.0, 0.0, 0.0))
+        return self.scene.objects.get(name, unknown) if self.scene else unknown
+
+    def _grasp(self, name: str) -> Pose:
+        picks = [move.pick for move in self.moves if move.object == name]
+        self.axes[name] = upright_axis([pick.objects[name] for pick in picks])
+        grasps = [pick.objects[name].inverse() @ pick.end_effector for pick in picks]
+        return mean_in_object(grasps, self._symmetry(name), self.axes[name], self.parameters.aligned_rad)
+
+    def _placement(self, target: Target) -> Place | Drop:
+        name, p = target.object, self.parameters
+        axis, symmetry = self.axes[name], self._symmetry(name)
+        release = mean_of_object(target.releases, symmetry, axis, p.aligned_rad)
+        if target.verdict.corrected and target.verdict.type == "place":
+            release = self._lowered(target, release)
+        hand = rounded_pose(release @ self.grasps[name])
+        rest = rounded_vector(robust_mean(np.array([pose.position for pose in target.rests])))
+        if target.verdict.type == "place":
+            return Place(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._place_radius(target))
+        return Drop(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._drop_radius(target))
+
+    def _lowered(self, target: Target, release: Pose) -> Pose:
+        """The release brought down to just above the rest: what was dropped upon something is placed upon it."""
+        rest = robust_mean(np.array([pose.position for pose in target.rests]))
+        fall = np.array(release.position) - rest
+        height = float(np.linalg.norm(fall))
+        return Pose.of(rest + fall * min(1.0, RELEASE_CLEARANCE_M / max(height, 1e-9)), release.quaternion_xyzw)
+
+    def _place_radius(self, target: Target) -> float:
+        """From the spread of the rests and what must be told apart; within the bounds of the parameters."""
+        p = self.parameters
+        rests = np.array([pose.position for pose in target.rests])
+        sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
+        wide = p.least_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
+        apart = 0.48 * self.nearest_m.get(target, np.inf)
+        return rounded(max(p.least_radius_m, min(p.place_radius_m, wide, apart)))
+
+    def _drop_radius(self, target: Target) -> float:
+        """The paper's, but not wider than the container dropped into, where its shape is known."""
+        p, shape = self.parameters, self._shape(target.frame)
+        rest = robust_mean(np.array([pose.position for pose in target.rests]))
+        sides = sorted(shape.size_m)[1:]
+        inside = min(sides) / 2 if min(sides) > 0 else np.inf
+        contained = inside if np.linalg.norm(rest) < max(shape.size_m) / 2 else np.inf
+        apart = 0.48 * self.nearest_m.get(target, np.inf) if target.frame != target.object else np.inf
+        return rounded(max(p.least_radius_m, min(p.drop_radius_m, contained, max(apart, p.place_radius_m))))
+
+
+def scene_of(demonstrations: Sequence[Demonstration]) -> Scene | None:
+    """The newest scene that a demonstration carries; None if none does."""
+    known = [demonstration for demonstration in demonstrations if demonstration.scene]
+    newest = max(known, key=lambda d: (d.start_ns or 0, d.demonstration_id), default=None)
+    return newest.scene if newest else None
+
+
+def nearest_rests_m(
+    demonstrations: Sequence[Demonstration], moves: Sequence[Move], targets: Sequence[Target]
+) -> Mapping[Target, float]:
+    """For each target the distance [m] to the nearest other target reached in one demonstration, in the base.
+
+    The median over demonstrations of the distance between rests. Targets that are never reached in one
+    demonstration do not count, nor do two equal places of one object.
+    """
+    rests: dict[int, dict[Target, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]] = defaultdict(dict)
+    for target in targets:
+        for number in target.members:
+            move = moves[number]
+            if move.release is not None and move.release.rest is not None:
+                base = demonstrations[move.demonstration].base_frame
+                rests[move.demonstration][target] = np.array(move.release.rest[base].position)
+    distances: dict[tuple[Target, Target], list[float]] = defaultdict(list)
+    for reached in rests.values():
+        for a, at_a in reached.items():
+            for b, at_b in reached.items():
+                if a is not b:
+                    distances[a, b].append(float(np.linalg.norm(at_a - at_b)))
+    nearest: dict[Target, float] = {}
+    for (a, _), values in distances.items():
+        middle = float(np.median(values))
+        if middle > 0.02:
+            nearest[a] = min(middle, nearest.get(a, np.inf))
+    return nearest

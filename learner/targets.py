@@ -1,0 +1,259 @@
+"""Targets: where a task puts an object. Placements of one object, across demonstrations and users, that mean the same.
+
+Ours, after the paper's section III-E: clusters in every candidate frame, the best one gives the members; the frame is
+the one the evidence speaks for (learner.evidence); contexts are split only where a demonstration repeats a target.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from learner.clustering import Cluster, clusters_in_frame, dbscan, greatest_distance
+from learner.evidence import log_density, posterior
+from learner.labels import Verdict, verdict
+from learner.model import Demonstration, Pose
+from learner.moves import Move, release_sample
+from learner.parameters import Parameters
+from learner.samples import Sample, candidate_frames, positions_in
+
+LOST_M = 0.04
+"""An object further than this from where it rested in a frame has not kept its place in that frame."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One place of one object.
+
+    `members` are numbers of moves; `frames` the posterior probability of each candidate frame, `frame` the one
+    chosen; `rests` [m] (n, 3) and `releases` are the object's poses in it.
+    """
+
+    object: str
+    frame: str
+    members: tuple[int, ...]
+    frames: Mapping[str, float] = field(compare=False)
+    verdict: Verdict = field(compare=False)
+    rests: tuple[Pose, ...] = field(compare=False)
+    releases: tuple[Pose, ...] = field(compare=False)
+    context: int = 0
+    supported: bool = True
+    tied: frozenset[str] = field(default=frozenset())
+    """Frames that the task itself keeps rigid with the chosen one: they are not rivals."""
+
+    @property
+    def spread_m(self) -> float:
+        return greatest_distance(np.array([rest.position for rest in self.rests]))
+
+    @property
+    def certainty(self) -> float:
+        """The posterior probability of the chosen frame and those tied to it."""
+        return sum(share for frame, share in self.frames.items() if frame == self.frame or frame in self.tied)
+
+    def rival(self) -> str | None:
+        """The likeliest other frame; None if there is none."""
+        return next((frame for frame in self.frames if frame != self.frame and frame not in self.tied), None)
+
+
+class TargetFinder:
+    """Finds the targets of all moves of a task."""
+
+    def __init__(self, demonstrations: Sequence[Demonstration], moves: Sequence[Move], parameters: Parameters) -> None:
+        self.demonstrations, self.moves, self.parameters = demonstrations, moves, parameters
+        self.samples: list[Sample | None] = [
+            None if move.release is None else release_sample(demonstrations, move) for move in moves
+        ]
+        self.min_samples = parameters.samples_for(len(demonstrations))
+        self.min_users = parameters.users_for(len({demonstration.user for demonstration in demonstrations}))
+
+    def find(self) -> list[Target]:
+        """Every supported target, ordered by object and by when it is reached."""
+        by_object: dict[str, list[int]] = defaultdict(list)
+        for number, move in enumerate(self.moves):
+            if self.samples[number] is not None:
+                by_object[move.object].append(number)
+        found = [target for name in sorted(by_object) for target in self._of_object(by_object[name])]
+        return [self._with_ties(target, found) for target in found]
+
+    def alone(self, number: int) -> Target:
+        """A move that fits nowhere, in the default frame: the base (section III-E)."""
+        return self._target((number,), self._sample(number).base_frame, {}, 0, supported=False)
+
+    def _sample(self, number: int) -> Sample:
+        sample = self.samples[number]
+        assert sample is not None
+        return sample
+
+    def _of_object(self, numbers: Sequence[int]) -> list[Target]:
+        left, found = set(numbers), []
+        for eps_m in self._neighbourhoods(numbers):
+            while cluster := self._best(sorted(left), eps_m):
+                found += self._contexts(cluster)
+                left -= set(cluster.members)
+        return sorted(found, key=lambda target: (self._when(target.members), target.members))
+
+    def _neighbourhoods(self, numbers: Sequence[int]) -> tuple[float, ...]:
+        """The narrow neighbourhood first, which tells neighbouring placements apart; for drops the wide one alone."""
+        p = self.parameters
+        return (p.eps_wide_m,) if self._dropped(numbers) else (p.eps_place_m, p.eps_wide_m)
+
+    def _dropped(self, numbers: Sequence[int]) -> bool:
+        return sum(self._sample(number).action.type == "drop" for number in numbers) * 2 > len(numbers)
+
+    def _when(self, members: Sequence[int]) -> float:
+        return float(np.mean([self._sample(number).action.step for number in members]))
+
+    def _best(self, numbers: Sequence[int], eps_m: float) -> Cluster | None:
+        """The cluster with the highest score among those that enough users and demonstrations share."""
+        samples = [self._sample(number) for number in numbers]
+        best: Cluster | None = None
+        for frame in candidate_frames(samples):
+            known, points = positions_in(frame, samples, range(len(samples)), "rest")
+            floor_m = self.parameters.noise_floor_m
+            for cluster in clusters_in_frame(frame, known, points, eps_m, self.min_samples, floor_m):
+                members = tuple(numbers[index] for index in cluster.members)
+                if self._quorum(members) and (best is None or cluster.score > best.score):
+                    best = Cluster(frame, members, cluster.mean, cluster.radius, cluster.score)
+        return self._with_strays(best, numbers, eps_m) if best else None
+
+    def _with_strays(self, cluster: Cluster, numbers: Sequence[int], eps_m: float) -> Cluster:
+        """The cluster with the samples near it that lie in no cluster of their own."""
+        samples = [self._sample(number) for number in numbers]
+        known, points = positions_in(cluster.frame, samples, range(len(samples)), "rest")
+        labels = dbscan(points, eps_m, self.min_samples)
+        away = np.linalg.norm(points - np.array(cluster.mean), axis=1)
+        strays = {numbers[known[i]] for i in np.flatnonzero((labels < 0) & (away < self.parameters.eps_wide_m))}
+        return replace(cluster, members=tuple(sorted(strays | set(cluster.members))))
+
+    def _quorum(self, numbers: Sequence[int]) -> bool:
+        users = {self._sample(number).user for number in numbers}
+        demonstrations = {self._sample(number).demonstration for number in numbers}
+        return len(users) >= self.min_users and len(demonstrations) >= self.min_samples
+
+    def _contexts(self, cluster: Cluster) -> list[Target]:
+        """The targets in one cluster: several where demonstrations repeat it, told apart by which time it is."""
+        turns: dict[int, list[int]] = defaultdict(list)
+        seen: Counter[int] = Counter()
+        for number in sorted(cluster.members):
+            demonstration = self._sample(number).demonstration
+            turns[seen[demonstration]].append(number)
+            seen[demonstration] += 1
+        kept = [members for members in turns.values() if self._quorum(members)]
+        return [self._target(tuple(members), None, self._evidence(members), k) for k, members in enumerate(kept)]
+
+    def _evidence(self, members: Sequence[int]) -> dict[str, float]:
+        """The posterior probability of every frame that all members know and keep their place in."""
+        samples = [self._sample(number) for number in members]
+        p, logs, odds = self.parameters, {}, {}
+        sigma_m = p.drop_sigma_m if self._dropped(members) else p.place_sigma_m
+        frames = [frame for frame in candidate_frames(samples) if all(frame in s.frames for s in samples)]
+        lasting = [frame for frame in frames if self._lasts(frame, members)]
+        for frame in lasting or frames:
+            points = positions_in(frame, samples, range(len(samples)), "rest")[1]
+            logs[frame] = log_density(points, sigma_m, p.sigma_shape)
+            odds[frame] = self._odds(frame, samples)
+        return posterior(logs, odds)
+
+    def _odds(self, frame: str, samples: Sequence[Sample]) -> float:
+        if frame == samples[0].base_frame:
+            return 1.0
+        away = np.median([np.linalg.norm(sample.rest(frame).position) for sample in samples])
+        odds = self.parameters.contact_odds
+        return odds * (1.1 - float(away)) if away < self.parameters.contact_m else 1 / odds
+
+    def _lasts(self, frame: str, members: Sequence[int]) -> bool:
+        """Whether the object kept its place in the frame in most demonstrations until it was moved again."""
+        kept = [self._kept(frame, number) for number in members]
+        return sum(kept) * 2 > len(kept)
+
+    def _kept(self, frame: str, number: int) -> bool:
+        sample = self._sample(number)
+        demonstration, name = self.demonstrations[sample.demonstration], sample.action.object
+        rest = np.array(sample.rest(frame).position)
+        for world in _worlds_after(demonstration, sample.action.step, name):
+            if name in world and (frame in world or frame == sample.base_frame):
+                base = Pose((0.0, 0.0, 0.0)) if frame == sample.base_frame else world[frame]
+                if np.linalg.norm(np.array((base.inverse() @ world[name]).position) - rest) > LOST_M:
+                    return False
+        return True
+
+    def _target(
+        self, members: tuple[int, ...], frame: str | None, frames: Mapping[str, float], context: int,
+        supported: bool = True,
+    ) -> Target:  # fmt: skip
+        frame = frame or next(iter(frames))
+        samples = [self._sample(number) for number in members]
+        rests = tuple(sample.rest(frame) for sample in samples)
+        spread_m = greatest_distance(np.array([rest.position for rest in rests]))
+        fits = verdict(samples, spread_m, self._on_top(frame, samples), self.parameters)
+        releases = tuple(sample.release(frame) for sample in samples)
+        return Target(samples[0].action.object, frame, members, frames, fits, rests, releases, context, supported)
+
+    def _on_top(self, frame: str, samples: Sequence[Sample]) -> bool:
+        """Whether the object rests upon the one whose frame this is."""
+        if frame == samples[0].base_frame:
+            return False
+        offsets = np.array([_offset_in_base(frame, sample) for sample in samples])
+        x, y, z = np.median(offsets, axis=0)
+        return bool(np.hypot(x, y) < self.parameters.tight_m * 1.5 and z > self._top_m(frame, samples))
+
+    def _top_m(self, frame: str, samples: Sequence[Sample]) -> float:
+        """How far above a frame's origin an object's origin must be to rest upon it: most of both half heights."""
+        scene = self.demonstrations[samples[0].demonstration].scene
+        name = samples[0].action.object
+        if scene is None or frame not in scene.objects or name not in scene.objects:
+            return self.parameters.tight_m
+        return 0.4 * (min(scene.objects[frame].size_m) + min(scene.objects[name].size_m))
+
+    def _with_ties(self, target: Target, targets: Sequence[Target]) -> Target:
+        """Frames whose object the task itself has put in a fixed place relative to the chosen one, or the reverse."""
+        tied = {
+            frame
+            for frame in target.frames
+            if frame != target.frame and self._rigid_by_task(frame, target.frame, target, targets)
+        }
+        return replace(target, tied=frozenset(tied))
+
+    def _rigid_by_task(self, a: str, b: str, target: Target, targets: Sequence[Target]) -> bool:
+        """Whether a chain of earlier placements fixes a relative to b."""
+        earlier = [t for t in targets if t.object != target.object and self._precedes(t, target)]
+        links = {frozenset((t.object, t.frame)) for t in earlier}
+        reached, grown = {a}, True
+        while grown:
+            grown = False
+            for link in links:
+                if link & reached and not link <= reached:
+                    reached |= link
+                    grown = True
+        return b in reached
+
+    def _precedes(self, a: Target, b: Target) -> bool:
+        """Whether a was reached before b wherever both were."""
+        steps = {self._sample(number).demonstration: self._sample(number).action.step for number in a.members}
+        both = [
+            steps[sample.demonstration] < sample.action.step
+            for sample in map(self._sample, b.members)
+            if sample.demonstration in steps
+        ]
+        return bool(both) and all(both)
+
+
+def _worlds_after(demonstration: Demonstration, step: int, name: str) -> list[Mapping[str, Pose]]:
+    """What was seen at each later press up to the next one on the object, and at the end if there is none."""
+    worlds: list[Mapping[str, Pose]] = []
+    for action in demonstration.actions[step + 1 :]:
+        worlds.append(action.objects)
+        if action.object == name:
+            return worlds
+    return [*worlds, demonstration.final]
+
+
+def _offset_in_base(frame: str, sample: Sample) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """The object's rest relative to a frame's origin, along the base's axes."""
+    assert sample.action.rest is not None
+    rest = sample.action.rest[sample.base_frame]
+    origin = (rest @ sample.rest(frame).inverse()).position
+    return np.subtract(rest.position, origin)
