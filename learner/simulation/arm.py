@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -130,7 +131,7 @@ class Arm:
 
     def touches(self) -> list[Touch]:
         """What the arm and its hand press against, itself not counted."""
-        contacts = self._bullet.getContactPoints(bodyA=self.body)
+        contacts: Sequence[tuple[Any, ...]] = self._bullet.getContactPoints(bodyA=self.body)
         return [
             Touch(contact[2], abs(contact[7][2]), contact[9])
             for contact in contacts

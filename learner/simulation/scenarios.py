@@ -27,8 +27,8 @@ REACH_RAD: Final = math.radians(75)
 """To either side of straight ahead."""
 WORKSPACE_M: Final = ((0.36, 0.60), (-0.36, 0.36))
 """The largest upright rectangle that is all within reach."""
-FINGER_ROOM_M: Final = 0.11
-"""Between the centres of two cubes, so that open fingers fit."""
+FINGER_ROOM_M: Final = 0.14
+"""Between the centres of two cubes, so that the hand fits beside a tower on either at any yaw."""
 HAND_ROOM_M: Final = 0.13
 """Between the centre of a cube and what is wide, so that the hand fits at any yaw."""
 
@@ -168,6 +168,17 @@ def sample_start(scenario: Scenario, rng: np.random.Generator) -> dict[str, Pose
     raise NoStartError(f"found no start for {', '.join(scenario.objects)}: the table is too full for the fingers")
 
 
+def sample_spot(scenario: Scenario, name: str, others: Mapping[str, Pose], rng: np.random.Generator) -> Pose:
+    """A random free spot in reach for one object among others at their poses in the base.
+
+    Raises NoStartError if a thousand tries find none.
+    """
+    for pose in _candidates(scenario, name, rng, tries=1000):
+        if _fits(scenario, name, pose, others):
+            return pose
+    raise NoStartError(f"found no free spot for {name}: the table is too full")
+
+
 def _try_start(scenario: Scenario, rng: np.random.Generator) -> dict[str, Pose] | None:
     stacked = {relation.object for relation in scenario.stacked}
     own = sorted(set(scenario.bodies) - stacked, key=lambda name: (-scenario.bodies[name].size_m[0], name))
@@ -238,7 +249,7 @@ SCENARIOS: Final[Mapping[str, Scenario]] = {
         (Inside("A", "box"),),
     ),
     "towers": Scenario(
-        {name: CUBE for name in "ABCDEF"},
+        dict.fromkeys("ABCDEF", CUBE),
         (
             Step("B", "place", "C", ON_TOP),
             Step("A", "place", "B", ON_TOP),
@@ -249,7 +260,7 @@ SCENARIOS: Final[Mapping[str, Scenario]] = {
         orders=((0, 1, 2, 3), (2, 3, 0, 1), (0, 2, 1, 3)),
     ),
     "tower_and_box": Scenario(
-        {**{name: CUBE for name in "ADEF"}, "box": BOX},
+        {**dict.fromkeys("ADEF", CUBE), "box": BOX},
         (
             Step("D", "place", "E", ON_TOP),
             Step("F", "place", "D", ON_TOP),
@@ -259,13 +270,13 @@ SCENARIOS: Final[Mapping[str, Scenario]] = {
         orders=((0, 1, 2), (2, 0, 1)),
     ),
     "kitting": Scenario(
-        {**{name: CUBE for name in "ABCD"}, "tray": TRAY},
+        {**dict.fromkeys("ABCD", CUBE), "tray": TRAY},
         tuple(Step(name, "place", "tray", slot) for name, slot in zip("ABCD", _SLOTS, strict=True)),
         tuple(At(name, "tray", slot) for name, slot in zip("ABCD", _SLOTS, strict=True)),
         orders=((0, 1, 2, 3), (3, 1, 0, 2), (2, 3, 1, 0), (1, 0, 3, 2)),
     ),
     "hanoi": Scenario(
-        {**{name: CUBE for name in "DEF"}, "board": BOARD},
+        {**dict.fromkeys("DEF", CUBE), "board": BOARD},
         (
             Step("D", "place", "board", _PEGS[2]),
             Step("E", "place", "board", _PEGS[1]),

@@ -21,7 +21,7 @@ from learner.model import Pose
 from learner.model.condition import GripperState
 from learner.simulation.arm import GRIPPER_LINKS, OPEN_WIDTH_M, TOOL_LINK, Arm
 from learner.simulation.camera import Camera, Noise
-from learner.simulation.scenarios import BASE, Body, Scenario, sample_start
+from learner.simulation.scenarios import BASE, Body, sample_start, scenario_named
 
 PERIOD_S: Final = 1 / 240
 GRASP_M: Final = 0.01
@@ -30,6 +30,7 @@ GRIP_FORCE_N: Final = 100.0
 FINGER_PLAY_M: Final = 0.002
 COVER_M: Final = 0.01
 """The fingers may close by so much above or below the middle of a cube and still cover its sides."""
+TABLE: Final = "the table"
 LOOK_S: Final = 1 / 30
 """How often the goal is looked at."""
 
@@ -60,20 +61,20 @@ class _Client:
 class World:
     """The physical world of one scenario, standing at a random start. A context manager: it owns a physics engine.
 
-    `rng` decides the start and the camera's noise. Nothing moves but by `step`; `activity`, a generator, is resumed
-    once before each step and moves the arm.
+    Raises UnknownScenarioError. `rng` decides the start and the camera's noise. Nothing moves but by `step`;
+    `activity`, a generator, is resumed once before each step and moves the arm.
     """
 
-    def __init__(self, scenario: Scenario, rng: np.random.Generator, noise: Noise | None = None) -> None:
-        self.scenario = scenario
+    def __init__(self, scenario_name: str, rng: np.random.Generator, noise: Noise | None = None) -> None:
+        self.scenario_name, self.scenario = scenario_name, scenario_named(scenario_name)
         self._bullet: Any = _Client()
         self._bullet.setTimeStep(PERIOD_S)
         self._bullet.setGravity(0.0, 0.0, -9.81)
         table = self._add_table()
         self.arm = Arm(self._bullet)
         self._bullet.setCollisionFilterPair(self.arm.body, table, -1, -1, 0)
-        self._ids = {name: self._add(body) for name, body in sorted(scenario.bodies.items())}
-        self._names = {body: name for name, body in self._ids.items()}
+        self._ids = {name: self._add(body) for name, body in sorted(self.scenario.bodies.items())}
+        self._names: dict[int, str] = {body: name for name, body in self._ids.items()}
         self.camera = Camera(noise or Noise(), rng)
         self.activity: Activity | None = None
         self._held: str | None = None
@@ -100,6 +101,7 @@ class World:
         for name, pose in sample_start(self.scenario, rng).items():
             self._put(name, pose)
         self._steps = 0
+        self._look_at_goal()
 
     def step(self) -> None:
         """Let the activity decide, then let 1/240 s pass."""
@@ -115,6 +117,11 @@ class World:
         """Let time pass."""
         for _ in range(round(duration_s / PERIOD_S)):
             self.step()
+
+    def halt(self) -> None:
+        """Stop the arm where it is; the fingers stay as they are."""
+        self.activity = None
+        self.arm.hold()
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -169,6 +176,7 @@ class World:
                 self._detach()
                 self.arm.set_width(0.0)
             self._put(each, motion @ self.pose_in_base(each))
+        self._look_at_goal()
 
     def open_fingers(self) -> None:
         """Release what is held and let the fingers move apart."""
@@ -192,12 +200,12 @@ class World:
             self.arm.set_width(0.0)
 
     def obstacle(self, ignored: str | None = None) -> str | None:
-        """What the hand or the held object presses against: a name, or 'the table'; None if nothing.
+        """What the hand or the held object presses against: a name, or TABLE; None if nothing.
 
         An object that is `ignored` may brush the fingers from the side, but not stand in their way from below.
         """
         for touch in self.arm.touches():
-            name = self._names.get(touch.body, "the table")
+            name = self._names.get(touch.body, TABLE)
             if name != self._held and not (name == ignored and touch.verticality < 0.7):
                 return name
         return self._obstacle_of_held()
@@ -206,8 +214,9 @@ class World:
         if self._held is None:
             return None
         for contact in self._bullet.getContactPoints(bodyA=self._ids[self._held]):
-            if contact[2] != self.arm.body and contact[9] > 0.0:
-                return self._names.get(contact[2], "the table")
+            other: int = contact[2]
+            if other != self.arm.body and contact[9] > 0.0:
+                return self._names.get(other, TABLE)
         return None
 
     def _look_at_goal(self) -> None:
@@ -316,7 +325,7 @@ def _slabs(body: Body) -> list[tuple[tuple[float, float, float], tuple[float, fl
 def _angle_to_quarter_turns(tool: Pose, cube: Pose) -> float:
     """The angle [rad] between the hand and the nearest of the 24 turns of a cube that look the same."""
     relative = (cube.inverse() @ Pose((0.0, 0.0, 0.0), tool.quaternion_xyzw)).quaternion_xyzw
-    # The distances to the 24 rotations are those from |q| sorted to the three kinds of turn (none or half, quarter, third).
+    # As unit quaternions the 24 are of three kinds: no or half turns, quarter turns, third turns.
     a, b, c, d = sorted((abs(value) for value in relative), reverse=True)
     cosine = max(a, (a + b) / math.sqrt(2), (a + b + c + d) / 2)
     return 2 * math.acos(min(1.0, cosine))

@@ -1,0 +1,384 @@
+"""The face of the simulated cell on Zenoh: poses, gripper and skills as CONTRACT.md, sections 1 and 3, say.
+
+Below `treewright/<cell>/sim/` it also answers what a real cell has no answer to, JSON in and out:
+
+    truth     {}                                            true poses, what is held, whether the goal holds
+    scene     {}                                            scenario, objects, frames, shapes
+    reset     {"seed"?}                                     stand at another random start
+    disturb   {"object", "position"?, "orientation"?}       put an object elsewhere; without position anywhere free
+              {"take_from_gripper": {"position"?, ...}}     take away what is held, the same way
+              {"skill_failure_rate": p}                     let skills fail by chance from now on
+    drag      {"position", "orientation"}                   lead the hand to a pose in the base, as an operator does
+    grip      {"state": "open" | "closed"}                  move the fingers where the hand is
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Final, Self, get_args
+
+import numpy as np
+import zenoh
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
+
+from learner.errors import LearnerError
+from learner.model import Pose, check_name
+from learner.model.condition import GripperState
+from learner.simulation import skills
+from learner.simulation.scenarios import BASE, TOOL, sample_spot
+from learner.simulation.skills import Outcome, Skill
+from learner.simulation.world import PERIOD_S, World
+from pipelines.errors import CommandError
+
+POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
+GRIPPER_ENCODING: Final = "application/json;treewright.GripperState"
+POSES_HZ: Final = 30.0
+GRIPPER_PERIOD_S: Final = 0.5
+CACHE_S: Final = 20.0
+"""The contract asks for 15 s at least."""
+TICK_S: Final = 1 / 60
+BURST_S: Final = 0.1
+"""The longest time that physics may run before requests are looked at again: a cancelled skill stops within 0.5 s."""
+SKILLS: Final = ("Pick", "Place", "Drop", "SetGripper")
+SIMULATED: Final = ("truth", "scene", "reset", "disturb", "drag", "grip")
+
+Fields = Mapping[str, Any]
+
+
+class BadRequestError(CommandError):
+    """A request that is not as the contract says: answered by an error reply."""
+
+
+@dataclass(frozen=True)
+class Execution:
+    """A skill that runs, with the query that waits for its end."""
+
+    execution_id: str
+    skill: str
+    key: str
+    query: zenoh.Query
+
+
+class Cell:
+    """A world that lives on Zenoh under a cell's name. A context manager; `run` lets it live until told to stop.
+
+    `speed` is the world's time in units of the wall's; where the machine is too slow, the world is slower. Stamps
+    are of the wall clock. `report` is called with each event, a JSON-able object. Physics and requests share one
+    thread, that of `run`.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        name: str,
+        world: World,
+        rng: np.random.Generator,
+        speed: float = 1.0,
+        report: Callable[[Fields], None] = lambda event: None,
+    ) -> None:
+        self.name, self.world = check_name("cell", name), world
+        self._session, self._rng, self._speed, self._report = session, rng, speed, report
+        self._root = f"treewright/{name}"
+        self._requests: queue.SimpleQueue[tuple[str, zenoh.Query]] = queue.SimpleQueue()
+        self._execution: Execution | None = None
+        self._outcome: Outcome | None = None
+        self._published_state: GripperState | None = None
+        self._poses_due_s = self._gripper_due_s = -math.inf
+        self._failure_rate = 0.0
+
+    def __enter__(self) -> Self:
+        _refuse_second(self._session, f"{self._root}/sim/alive", self.name)
+        self._poses = _publisher(self._session, f"{self._root}/poses", POSES_ENCODING, CACHE_S * POSES_HZ)
+        # Twice the heartbeats: changes come in between.
+        samples = 2 * CACHE_S / GRIPPER_PERIOD_S
+        self._gripper = _publisher(self._session, f"{self._root}/gripper", GRIPPER_ENCODING, samples)
+        keys = [f"skills/{skill}" for skill in (*SKILLS, "cancel")] + [f"sim/{name}" for name in SIMULATED]
+        self._queryables = [self._declare(key) for key in keys]
+        self._token = self._session.liveliness().declare_token(f"{self._root}/sim/alive")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop_skill("the cell stops")
+        for declared in (self._token, *self._queryables, self._poses, self._gripper):
+            declared.undeclare()
+
+    def run(self, stop: threading.Event) -> None:
+        """Live until `stop` is set; then the running skill is cancelled."""
+        last_s, owed_s = time.monotonic(), 0.0
+        while not stop.is_set():
+            now_s = time.monotonic()
+            # What a busy machine could not simulate is forgotten: the world slows down, it does not jump.
+            owed_s = min(owed_s + (now_s - last_s) * self._speed, BURST_S * self._speed)
+            last_s = now_s
+            self._serve()
+            owed_s = self._live(owed_s, now_s + BURST_S)
+            self._publish()
+            self._conclude()
+            stop.wait(max(0.0, TICK_S - (time.monotonic() - now_s)))
+        self._stop_skill("the cell stops")
+
+    def _live(self, owed_s: float, until_s: float) -> float:
+        """Let the world live for what is owed, or until a moment of the wall's; returns what remains owed."""
+        while owed_s >= PERIOD_S and time.monotonic() < until_s and self._outcome is None:
+            self.world.step()
+            owed_s -= PERIOD_S
+        return owed_s
+
+    def _declare(self, key: str) -> zenoh.Queryable[None]:
+        def note(query: zenoh.Query) -> None:
+            # On Zenoh's own thread, which may not touch the world.
+            self._requests.put((key, query))
+
+        return self._session.declare_queryable(f"{self._root}/{key}", note, complete=True)
+
+    def _serve(self) -> None:
+        while not self._requests.empty():
+            key, query = self._requests.get()
+            try:
+                self._handle(key, query)
+            except (BadRequestError, LearnerError) as error:
+                with query:
+                    query.reply_err(json.dumps({"error": str(error)}), encoding="application/json")
+
+    def _handle(self, key: str, query: zenoh.Query) -> None:
+        kind, name = key.split("/")
+        fields = _fields_of(query)
+        if key == "skills/cancel":
+            self._reply(key, query, self._cancel(_text(fields, "execution_id")))
+        elif kind == "skills" or name in ("drag", "grip"):
+            self._begin(key, name, fields, query)
+        else:
+            answer: Fields = getattr(self, f"_{name}")(fields)
+            self._reply(key, query, answer)
+
+    def _begin(self, key: str, name: str, fields: Fields, query: zenoh.Query) -> None:
+        skill = self._skill(name, fields)
+        execution_id = _text(fields, "execution_id") if name in SKILLS else name
+        running = self._execution
+        if running is not None:
+            reason = f"busy: {running.skill} {running.execution_id} is running; one skill at a time"
+            self._reply(key, query, {"status": "failure", "reason": reason})
+            return
+        self._execution = Execution(execution_id, name, key, query)
+        self.world.activity = self._perform(self._unless_unlucky(skill) if name in SKILLS else skill)
+        self._report({"event": "skill started", "skill": name, "execution_id": execution_id})
+
+    def _perform(self, skill: Skill) -> Any:
+        try:
+            self._outcome = yield from skill
+        except LearnerError as error:
+            self._outcome = Outcome("failure", str(error))
+
+    def _unless_unlucky(self, skill: Skill) -> Skill:
+        if self._rng.random() >= self._failure_rate:
+            return (yield from skill)
+        yield
+        return Outcome("failure", "the skill failed by chance, as it was told to")
+
+    def _skill(self, name: str, fields: Fields) -> Skill:
+        world = self.world
+        match name:
+            case "Pick":
+                return skills.pick(world, _text(fields, "object"), _text(fields, "frame"), _pose(fields))
+            case "Place" | "Drop":
+                return skills.place(world, _text(fields, "object"), _text(fields, "frame"), _pose(fields))
+            case "drag":
+                return skills.move(world, _pose(fields))
+            case _:
+                return skills.set_gripper(world, _state(fields))
+
+    def _conclude(self) -> None:
+        """Answer the request whose skill has ended; what came of it is published before."""
+        if self._outcome is None:
+            return
+        self._publish(at_once=True)
+        self._answer(self._outcome)
+
+    def _answer(self, outcome: Outcome) -> None:
+        execution, self._execution, self._outcome = self._execution, None, None
+        if execution is None:
+            return
+        answer = {"status": outcome.status, "reason": outcome.reason}
+        self._reply(execution.key, execution.query, answer)
+        ids = {"skill": execution.skill, "execution_id": execution.execution_id}
+        self._report({"event": "skill ended", **ids, **answer})
+
+    def _cancel(self, execution_id: str) -> Fields:
+        running = self._execution
+        if running is None or running.execution_id != execution_id:
+            runs = f"{running.execution_id} is running" if running else "nothing is running"
+            return {"status": "failure", "reason": f"no execution {execution_id!r} to cancel: {runs}"}
+        self._stop_skill("cancelled")
+        return {"status": "success", "reason": None}
+
+    def _stop_skill(self, reason: str) -> None:
+        """Stop the arm where it is and the fingers as they are; the request answers failure."""
+        if self._execution is None:
+            return
+        self.world.halt()
+        self._answer(self._outcome or Outcome("failure", reason))
+
+    def _publish(self, at_once: bool = False) -> None:
+        now_s = time.monotonic()
+        if at_once or now_s >= self._poses_due_s:
+            self._poses_due_s = now_s + 1 / POSES_HZ
+            self._poses.put(self._look())
+        state = self.world.gripper_state
+        if at_once or now_s >= self._gripper_due_s or state != self._published_state:
+            self._gripper_due_s, self._published_state = now_s + GRIPPER_PERIOD_S, state
+            sample = {"stamp_ns": time.time_ns(), "state": state, "width_m": round(self.world.arm.width_m, 5)}
+            self._gripper.put(json.dumps(sample))
+
+    def _look(self) -> bytes:
+        message, stamp_ns = FrameTransforms(), time.time_ns()
+        for child, pose in {**self.world.observe(), TOOL: self.world.arm.tool_pose}.items():
+            transform = message.transforms.add(parent_frame_id=BASE, child_frame_id=child)
+            transform.timestamp.FromNanoseconds(stamp_ns)
+            for field, values in ((transform.translation, pose.position), (transform.rotation, pose.quaternion_xyzw)):
+                for axis, value in zip("xyzw", values, strict=False):
+                    setattr(field, axis, value)
+        serialized: bytes = message.SerializeToString()
+        return serialized
+
+    def _reply(self, key: str, query: zenoh.Query, answer: Fields) -> None:
+        with query:
+            query.reply(f"{self._root}/{key}", json.dumps(answer), encoding="application/json")
+
+    def _truth(self, fields: Fields) -> Fields:
+        world = self.world
+        poses = {name: _to_data(pose) for name, pose in world.poses_in_base().items()}
+        return {
+            "time_s": round(world.time_s, 4),
+            "goal": world.goal_reached,
+            "goal_held_s": round(world.goal_held_s, 4),
+            "held": world.held,
+            "gripper": world.gripper_state,
+            "poses": {**poses, TOOL: _to_data(world.arm.tool_pose)},
+        }
+
+    def _scene(self, fields: Fields) -> Fields:
+        scene = self.world.scenario.scene
+        shapes = {name: {"size_m": shape.size_m, "symmetry": shape.symmetry} for name, shape in scene.objects.items()}
+        return {
+            "cell": self.name,
+            "scenario": self.world.scenario_name,
+            "objects": self.world.objects,
+            "base_frame": BASE,
+            "end_effector_frame": TOOL,
+            "scene": {"objects": shapes, "workspace_m": scene.workspace_m},
+        }
+
+    def _reset(self, fields: Fields) -> Fields:
+        seed = fields.get("seed")
+        if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
+            raise BadRequestError("seed is a whole number from 0")
+        self._stop_skill("the world was reset")
+        self.world.reset(self._rng if seed is None else np.random.default_rng(seed))
+        self._publish(at_once=True)
+        return self._truth(fields)
+
+    def _disturb(self, fields: Fields) -> Fields:
+        if "skill_failure_rate" in fields:
+            self._failure_rate = _share(fields, "skill_failure_rate")
+        elif "take_from_gripper" in fields:
+            if self.world.held is None:
+                raise BadRequestError("nothing is held that could be taken from the gripper")
+            self._teleport(self.world.held, _object(fields["take_from_gripper"]))
+        else:
+            self._teleport(_text(fields, "object"), fields)
+        return self._truth(fields)
+
+    def _teleport(self, name: str, fields: Fields) -> None:
+        world = self.world
+        present = world.pose_in_base(name)
+        if "position" in fields:
+            pose = _pose({"orientation": present.quaternion_xyzw, **fields})
+        else:
+            others = {other: pose for other, pose in world.poses_in_base().items() if other != name}
+            pose = sample_spot(world.scenario, name, others, self._rng)
+        world.teleport(name, pose, with_content=fields.get("with_content") is not False)
+
+
+def _publisher(session: zenoh.Session, key: str, encoding: str, samples: float) -> Any:
+    """A publisher that never blocks the robot, with a cache for latecomers and a heartbeat that tells what was lost."""
+    return declare_advanced_publisher(
+        session,
+        key,
+        encoding=encoding,
+        congestion_control=zenoh.CongestionControl.DROP,
+        cache=CacheConfig(max_samples=math.ceil(samples)),
+        sample_miss_detection=MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
+        publisher_detection=True,
+    )
+
+
+def _refuse_second(session: zenoh.Session, key: str, name: str) -> None:
+    if any(reply.ok is not None for reply in session.liveliness().get(key, timeout=1.0)):
+        raise CommandError(f"a simulated cell {name} is running already; stop it or choose another name")
+
+
+def _fields_of(query: zenoh.Query) -> Fields:
+    payload = query.payload.to_bytes() if query.payload is not None else b""
+    try:
+        return _object(json.loads(payload or b"{}"))
+    except ValueError as error:
+        raise BadRequestError(f"the request is not JSON: {error}") from error
+
+
+def _object(value: Any) -> Fields:
+    if not isinstance(value, dict):
+        raise BadRequestError("the request is not a JSON object")
+    return value
+
+
+def _text(fields: Fields, name: str) -> str:
+    value = fields.get(name)
+    if not isinstance(value, str) or not value:
+        raise BadRequestError(f"{name} is missing: it is a text")
+    return value
+
+
+def _state(fields: Fields) -> GripperState:
+    states: tuple[GripperState, ...] = get_args(GripperState)
+    state = fields.get("state")
+    if state not in states:
+        raise BadRequestError(f"state is open or closed, not {state!r}")
+    return states[states.index(state)]
+
+
+def _pose(fields: Fields) -> Pose:
+    """The pose of the fields position [m] and orientation (xyzw)."""
+    return Pose.of(_numbers(fields, "position", 3), _numbers(fields, "orientation", 4))
+
+
+def _numbers(fields: Fields, name: str, length: int) -> list[float]:
+    values = fields.get(name)
+    whole = isinstance(values, list | tuple) and len(values) == length
+    if not whole or not all(_is_finite(value) for value in values or ()):
+        raise BadRequestError(f"{name} is an array of {length} finite numbers")
+    return [float(value) for value in values or ()]
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _share(fields: Fields, name: str) -> float:
+    value = fields[name]
+    if not _is_finite(value) or not 0.0 <= value <= 1.0:
+        raise BadRequestError(f"{name} is a number from 0 to 1")
+    return float(value)
+
+
+def _to_data(pose: Pose) -> Fields:
+    return {"position": pose.position, "orientation": pose.quaternion_xyzw}

@@ -1,0 +1,100 @@
+"""`treewright sim`: a simulated cell lives on Zenoh until it is told to stop."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.console import Console
+from pipelines.errors import CommandError
+from pipelines.session import add_zenoh_arguments, open_session
+
+if TYPE_CHECKING:
+    import zenoh
+
+SCENARIO = "object_in_box"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright sim`."""
+    parser.add_argument("--cell", required=True, metavar="C", help="name of the cell")
+    parser.add_argument("--scenario", default=SCENARIO, metavar="NAME", help=f"what stands on its table ({SCENARIO})")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="its time in units of the wall's (1)")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the start and of the camera's noise")
+    parser.add_argument("--noise-mm", type=float, default=1.5, metavar="MM", help="camera noise of positions (1.5)")
+    parser.add_argument("--noise-deg", type=float, default=0.3, metavar="DEG", help="camera noise of turns (0.3)")
+    add_zenoh_arguments(parser)
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Live until SIGINT or SIGTERM; returns 0."""
+    _check(arguments)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    with open_session(arguments) as session:
+        _live(arguments, console, session, stop)
+    return 0
+
+
+def _live(arguments: argparse.Namespace, console: Console, session: zenoh.Session, stop: threading.Event) -> None:
+    import math
+
+    import numpy as np
+
+    from learner.simulation.camera import Noise
+
+    with _silent_standard_error():
+        from learner.simulation.world import World
+    from pipelines.cell import Cell
+
+    rng = np.random.default_rng(arguments.seed)
+    noise = Noise(arguments.noise_mm / 1000, math.radians(arguments.noise_deg))
+
+    def report(event: Mapping[str, Any]) -> None:
+        console.emit(event)
+        reason = f": {event['reason']}" if event.get("reason") else ""
+        console.say(f"{event['event']}: {event['skill']} {event['execution_id']}{reason}")
+
+    with (
+        World(arguments.scenario, rng, noise) as world,
+        Cell(session, arguments.cell, world, rng, arguments.speed, report) as cell,
+    ):
+        console.emit({"ready": True, "cell": cell.name, "scenario": arguments.scenario, "objects": world.objects})
+        console.say(
+            f"the cell {cell.name} shows {arguments.scenario} with {', '.join(world.objects)}; stop with Ctrl-C"
+        )
+        cell.run(stop)
+
+
+@contextmanager
+def _silent_standard_error() -> Iterator[None]:
+    """pybullet announces its build time on standard error, which is for one clear line of failure."""
+    with Path(os.devnull).open("w") as nowhere:
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    from learner.model import check_name
+    from learner.simulation.scenarios import scenario_named
+
+    check_name("cell", arguments.cell)
+    scenario_named(arguments.scenario)
+    if not 0 < arguments.speed <= 100:
+        raise CommandError(f"a speed of {arguments.speed:g} is not between 0 and 100")
+    if arguments.noise_mm < 0 or arguments.noise_deg < 0:
+        raise CommandError("noise is not negative")
+    if arguments.seed is not None and arguments.seed < 0:
+        raise CommandError("a seed is a whole number from 0")
