@@ -1,0 +1,1 @@
+"""Experiments: tasks and users as data, judged by the truth of a kinematic world."""
