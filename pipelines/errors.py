@@ -2,6 +2,7 @@
 
     CommandError                         what the command line itself refuses
     ├── UnreachableError                 may pass: a peer does not answer
+    ├── CellRefusedError                 a cell lacks what a tree needs
     └── ...                              each package's own root error counts too: see `covers`
 
 An exception that is none of these is a defect, and the command says so.
@@ -32,3 +33,7 @@ class CommandError(Exception):
 
 class UnreachableError(CommandError):
     """A recorder, cell or store does not answer; trying again later may help."""
+
+
+class CellRefusedError(CommandError):
+    """A cell lacks an object, a frame or a skill that the tree needs; nothing was moved."""

@@ -1,0 +1,145 @@
+"""`treewright run T[@V] --cell C`: fetch a tree, check it and the cell, execute it (CONTRACT, sections 3 and 4).
+
+With `--json` one document `{"outcome", "reason", "ticks", "actions", "trace"}`: `outcome` is success, failure (the
+tree cannot reach its goal), timeout, stopped (by a signal) or lost (the poses stopped, or the cell does not answer);
+`actions` counts those that were started; `trace` is the path of the run's JSON Lines. With `--watch` it is the last of
+several, after `{"ready": true}`. `--dry-run` tells `{"outcome": "dry-run", ..., "would": [...]}`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import signal
+import threading
+import time
+import uuid
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from pipelines.console import Console
+from pipelines.errors import CommandError
+from pipelines.home import Home
+from pipelines.reference import Reference
+from pipelines.session import add_zenoh_arguments, open_session
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from pipelines.controller import Result
+    from pipelines.run_plan import Plan
+
+HOME_STORE: Final = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright run`."""
+    parser.add_argument("tree", metavar="T[@V]", help="task, with a version or an alias (production, else latest)")
+    parser.add_argument("--cell", required=True, metavar="C", help="name of the cell")
+    parser.add_argument(
+        "--store",
+        nargs="?",
+        const=HOME_STORE,
+        metavar="DIR",
+        help="read the artifact store in DIR (without DIR the one below TREEWRIGHT_HOME) instead of asking over Zenoh",
+    )
+    parser.add_argument("--timeout", type=_seconds, metavar="S", help="give up after S seconds (no limit)")
+    parser.add_argument("--watch", action="store_true", help="go on after success and repair what is disturbed")
+    parser.add_argument("--dry-run", action="store_true", help="fetch and check, say what would be done, move nothing")
+    add_zenoh_arguments(parser)
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Returns 0 if the goal was reached (or a dry run found nothing amiss), else 1."""
+    from learner.model.names import check_name
+
+    reference, cell = Reference.parse(arguments.tree), check_name("cell", arguments.cell)
+    stop = _stopped_by_signals()
+    with open_session(arguments) as session:
+        plan = _fetched(arguments, session, reference, stop)
+        console.say(f"{plan.name} is {plan.nodes} nodes, digest {plan.digest[:12]}")
+        return _on_cell(arguments, console, session, plan, cell, stop)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise ValueError(text)
+    return seconds
+
+
+def _stopped_by_signals() -> threading.Event:
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # In a thread: the handler interrupts the main thread anywhere, also where that holds the event's lock.
+        signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
+    return stop
+
+
+def _fetched(
+    arguments: argparse.Namespace, session: zenoh.Session, reference: Reference, stop: threading.Event
+) -> Plan:
+    from pipelines import run_plan
+
+    if arguments.store is None:
+        return run_plan.from_zenoh(session, reference, stop)
+    root = Home.current().store if arguments.store == HOME_STORE else Path(arguments.store)
+    return run_plan.from_store(root, os.environ.get("TREEWRIGHT_STORE_URL"), reference)
+
+
+def _on_cell(
+    arguments: argparse.Namespace,
+    console: Console,
+    session: zenoh.Session,
+    plan: Plan,
+    cell: str,
+    stop: threading.Event,
+) -> int:
+    from learner.perception import CellState
+    from pipelines.cell_link import CellLink
+
+    with CellLink(session, cell, CellState(plan.base_frame, plan.end_effector_frame)) as link:
+        plan.await_cell(link, stop)
+        if arguments.dry_run:
+            return _say_what_would_be_done(console, plan, link)
+        return _execute(arguments, console, plan, link, stop)
+
+
+def _say_what_would_be_done(console: Console, plan: Plan, link: Any) -> int:
+    from pipelines.run_plan import first_action
+
+    status, action = first_action(plan.root, link.state)
+    would = f"start with {action}" if action else f"do nothing: the tree's status is {status}"
+    console.say(f"the cell {link.cell} has all that {plan.name} needs; it would {would}")
+    document = {"outcome": "dry-run", "ticks": 0, "actions": 0, "trace": None, "status": status, "would": action}
+    console.emit(document)
+    return 0
+
+
+def _execute(arguments: argparse.Namespace, console: Console, plan: Plan, link: Any, stop: threading.Event) -> int:
+    from pipelines.controller import Controller
+    from pipelines.trace import Trace
+
+    moment = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    file = Home.current().traces / f"{moment}-{plan.task}-{link.cell}-{uuid.uuid4().hex[:6]}.jsonl"
+    with ExitStack() as stack:
+        trace = stack.enter_context(Trace(file))
+        trace.write("run", cell=link.cell, tree=plan.name, digest=plan.digest)
+        if arguments.watch:
+            console.emit({"ready": True})
+        result = Controller(plan.root, link, trace, console.emit if arguments.watch else None).run(
+            stop, arguments.timeout, arguments.watch
+        )
+    return _told(console, plan, result, file)
+
+
+def _told(console: Console, plan: Plan, result: Result, trace: Path) -> int:
+    console.emit({**asdict(result), "trace": str(trace)})
+    console.say(f"{plan.name}: {result.outcome} after {result.actions} actions, {result.ticks} ticks; trace {trace}")
+    if result.outcome == "success":
+        return 0
+    console.fail(CommandError(f"{plan.name} ended with {result.outcome}: {result.reason}"))
+    return 1

@@ -1,0 +1,167 @@
+"""What is settled before a cell moves: which tree, in which frames, and that the cell has all that it needs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from learner.model.names import check_name
+from learner.model.tree import ACTIONS, CONDITIONS, Node, Tree
+from learner.perception import CellState, condition_of
+from learner.ticking import Status, Ticker
+from pipelines.cell_link import CellLink
+from pipelines.controller import described
+from pipelines.errors import CellRefusedError, CommandError, UnreachableError
+from pipelines.reference import Reference
+from storage.btcpp import from_xml
+from storage.client import fetch
+from storage.errors import DamagedError, StorageUnavailableError
+
+if TYPE_CHECKING:
+    import zenoh
+
+STORE_ANSWERS_S: Final = 5.0
+"""A store that was not heard of for this long [s] after the session was opened does not answer."""
+CELL_SHOWS_S: Final = 3.0
+"""What a running cell has not shown within this time [s] it does not have."""
+LOOK_AGAIN_S: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A tree to execute, flattened, and the frames in which its poses are meant."""
+
+    task: str
+    name: str
+    digest: str
+    tree: Tree
+    root: Node
+    base_frame: str
+    end_effector_frame: str
+
+    @staticmethod
+    def of(task: str, tree: Tree, manifest: Mapping[str, Any]) -> Plan:
+        """Raises DamagedError if the tree is not the manifest's, CommandError if the manifest leaves out a frame."""
+        name = f"{task}@{manifest.get('version')}"
+        if tree.digest != manifest.get("digest"):
+            raise DamagedError(f"the tree of {name} does not have the digest that its manifest states")
+        frames = {key: manifest.get(key) for key in ("base_frame", "end_effector_frame")}
+        unset = [key for key, value in frames.items() if value is None]
+        if unset:
+            raise CommandError(f"the manifest of {name} does not state its {' and '.join(unset)}; learn it again")
+        base, end_effector = (check_name("frame", value) for value in frames.values())
+        return Plan(task, name, tree.digest, tree, tree.flattened(), base, end_effector)
+
+    @property
+    def nodes(self) -> int:
+        """The size of the flattened tree, recovery included."""
+        return self.root.size
+
+    @property
+    def needs(self) -> dict[str, str]:
+        """What must be seen in the cell: names, each with what it is to the tree."""
+        frames = dict.fromkeys(sorted(self.tree.frames() - {self.base_frame}), "frame")
+        objects = dict.fromkeys(sorted(self.tree.objects()), "object")
+        return {self.end_effector_frame: "end-effector frame", **frames, **objects}
+
+    @property
+    def skills(self) -> list[str]:
+        """The actions of the tree, and what stops them."""
+        return [*sorted({node.kind for node in self.root.walk() if node.kind in ACTIONS}), "cancel"]
+
+    def await_cell(self, link: CellLink, stop: threading.Event, limit_s: float = CELL_SHOWS_S) -> None:
+        """Wait until the cell has shown all that the tree needs.
+
+        Raises UnreachableError if nothing is heard of the cell, CellRefusedError naming what it lacks, CommandError
+        if `stop` is set before.
+        """
+        deadline_s = time.monotonic() + limit_s
+        while self._lacking(link) and time.monotonic() < deadline_s:
+            if stop.wait(LOOK_AGAIN_S):
+                raise CommandError("stopped before anything moved")
+            link.take_in()
+        lacking = self._lacking(link)
+        if lacking:
+            raise self._refusal(link, lacking, limit_s)
+
+    def _lacking(self, link: CellLink) -> list[str]:
+        state = link.state
+        unseen = [f"the {what} {name!r}" for name, what in self.needs.items() if state.unseen(name)]
+        gripper = ["a gripper state"] if state.gripper is None else []
+        return [*unseen, *gripper, *(f"the skill {skill}" for skill in self.skills if not link.offers(skill))]
+
+    def _refusal(self, link: CellLink, lacking: list[str], limit_s: float) -> CommandError:
+        seen, state = ", ".join(link.state.poses()), link.state
+        if not seen and state.gripper is None and not link.parents:
+            return UnreachableError(
+                f"cell {link.cell!r} publishes nothing below treewright/{link.cell}; is it running and reachable?"
+            )
+        if not seen and link.parents:
+            parents = ", ".join(repr(parent) for parent in sorted(link.parents))
+            return CellRefusedError(
+                f"cell {link.cell!r} lacks the base frame {self.base_frame!r} of {self.name}: "
+                f"its poses are in {parents}"
+            )
+        complaints = f"; it {link.complaints[0].partition(' publishes ')[2]}" if link.complaints else ""
+        return CellRefusedError(
+            f"cell {link.cell!r} lacks {', '.join(lacking)} of {self.name} (within {limit_s:g} s); "
+            f"seen are {seen or 'no poses'}{complaints}"
+        )
+
+
+def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Event) -> Plan:
+    """The tree that a served store answers with.
+
+    A session learns of its peers a little after it was opened: until the limit, no answer means not yet.
+    """
+    deadline_s = time.monotonic() + STORE_ANSWERS_S
+    while True:
+        try:
+            xml, manifest = fetch(session, reference.task, reference.version, reference.alias)
+            return Plan.of(reference.task, from_xml(xml), manifest)
+        except StorageUnavailableError:
+            if time.monotonic() >= deadline_s or stop.wait(LOOK_AGAIN_S):
+                raise
+
+
+def from_store(root: Path, url: str | None, reference: Reference) -> Plan:
+    """The tree in the store at `root` (its database at `url`, if not there)."""
+    from storage.artifacts import ArtifactStore  # loads the database's library, which a fetch over Zenoh does not need
+
+    if url is None and not root.exists():
+        raise CommandError(
+            f"there is no artifact store at {root}; learn {reference.task} first, or name another --store"
+        )
+    with ArtifactStore(root, url) as store:
+        artifact = store.get(reference.task, reference.alias if reference.version is None else reference.version)
+    return Plan.of(reference.task, artifact.tree, artifact.manifest)
+
+
+def first_action(root: Node, state: CellState) -> tuple[str, str | None]:
+    """The status of one tick in which nothing moves, and the first action that it would have started."""
+    leaves = _Still(root, state)
+    status = Ticker(root, leaves).tick()
+    return status.value, leaves.wanted
+
+
+class _Still:
+    """Leaves that check the cell and stop at the first action."""
+
+    def __init__(self, root: Node, state: CellState) -> None:
+        self._state = state
+        self._conditions = {id(node): condition_of(node) for node in root.walk() if node.kind in CONDITIONS}
+        self.wanted: str | None = None
+
+    def check(self, node: Node) -> bool:
+        return self._state.holds(self._conditions[id(node)])
+
+    def tick_action(self, node: Node) -> Status:
+        self.wanted = described(node)
+        return Status.RUNNING
+
+    def halt_action(self, node: Node) -> None:
+        """Nothing moves."""

@@ -1,0 +1,33 @@
+"""What a controller did: JSON Lines, one event a line, each with `stamp_ns`, `tick` and `event`."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+
+class Trace:
+    """The file of one run, open within a `with` block; every line is handed to the system when it is written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.tick = 0
+        """The number of the tick that events belong to; 0 before the first."""
+
+    def __enter__(self) -> Self:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self.path.open("x", encoding="utf-8", buffering=1)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def write(self, event: str, **facts: Any) -> None:
+        """Append an event of this moment. Raises OSError if the disk does not take it."""
+        line = {"stamp_ns": time.time_ns(), "tick": self.tick, "event": event, **facts}
+        self._file.write(json.dumps(line, sort_keys=False) + "\n")
