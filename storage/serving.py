@@ -1,0 +1,114 @@
+"""The artifact store on Zenoh (CONTRACT, section 1): trees on request, and an event for every change."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Any, Final, Self
+
+import zenoh
+
+from learner.errors import LearnerError
+from learner.model import check_alias
+from storage.artifacts import Artifact, ArtifactStore, Change
+from storage.client import PREFIX
+from storage.errors import NotStoredError, StorageError
+
+POLL_S: Final = 0.25
+"""How often the database is asked for changes, which any process may have made [s]."""
+LOG: Final = logging.getLogger(__name__)
+
+
+class BadQueryError(StorageError):
+    """A request whose parameters cannot be understood."""
+
+
+class StoreOnZenoh:
+    """Serves `store` on `session` while the context is open.
+
+    `treewright/artifacts/<task>` with `?version=7` or `?alias=production` (without either: production if set, else
+    latest) answers with the XML and, as attachment, the manifest; a key with wildcards answers for every task that it
+    matches. What cannot be answered is an error reply `{"error": sentence}`. Changes, by whichever process, are
+    published on `treewright/artifacts/<task>/events` as `{"stamp_ns", "event", "task", "version", "alias", "digest"}`
+    with `event` `published` or `alias`, in their order.
+    """
+
+    def __init__(self, session: zenoh.Session, store: ArtifactStore, poll_s: float = POLL_S) -> None:
+        self._session, self._store, self._poll_s = session, store, poll_s
+        self._stopped = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, name="artifact events", daemon=True)
+        self._announced = 0
+
+    def __enter__(self) -> Self:
+        self._announced = self._store.last_change()
+        self._queryable = self._session.declare_queryable(f"{PREFIX}/*", self._answer)
+        self._watcher.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._watcher.join()
+        self._queryable.undeclare()  # type: ignore[no-untyped-call]  # zenoh leaves its return type out
+
+    def _answer(self, query: zenoh.Query) -> None:
+        try:
+            for artifact in self._found(query):
+                query.reply(
+                    f"{PREFIX}/{artifact.task}",
+                    artifact.xml,
+                    encoding=zenoh.Encoding.APPLICATION_XML,
+                    attachment=artifact.manifest_json,
+                )
+        except (StorageError, LearnerError) as error:
+            _refuse(query, str(error))
+        except Exception as error:  # an empty reply would tell the asker nothing
+            LOG.exception("cannot answer %s", query.selector)
+            _refuse(query, f"a defect in the artifact store: {type(error).__name__}: {error}")
+
+    def _found(self, query: zenoh.Query) -> Iterator[Artifact]:
+        ref = _reference(query.parameters)
+        key = str(query.key_expr)
+        if "*" not in key and "$" not in key:
+            yield self._store.get(key.removeprefix(f"{PREFIX}/"), ref)
+            return
+        tasks = [row["task"] for row in self._store.tasks()]
+        for task in tasks:
+            if query.key_expr.intersects(zenoh.KeyExpr(f"{PREFIX}/{task}")):
+                try:
+                    yield self._store.get(task, ref)
+                except NotStoredError:
+                    # Of many tasks those answer that have the version or alias.
+                    continue
+
+    def _watch(self) -> None:
+        while not self._stopped.wait(self._poll_s):
+            try:
+                for change in self._store.changes(after=self._announced):
+                    self._announce(change)
+                    self._announced = change.serial
+            except StorageError as error:
+                LOG.warning("changes of the artifact store are announced later: %s", error)
+
+    def _announce(self, change: Change) -> None:
+        event = {name: value for name, value in vars(change).items() if name != "serial"}
+        payload = json.dumps(event, sort_keys=True)
+        self._session.put(f"{PREFIX}/{change.task}/events", payload, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+
+def _reference(parameters: zenoh.Parameters) -> str | int | None:
+    version, alias = parameters.get("version"), parameters.get("alias")
+    if version is not None and alias is not None:
+        raise BadQueryError("ask for a version or for an alias, not for both")
+    if version is not None and not (version.isascii() and version.isdigit()):
+        raise BadQueryError(f"a version is a number, not {version[:80]!r}")
+    return version if alias is None else check_alias(alias)
+
+
+def _refuse(query: zenoh.Query, sentence: str) -> None:
+    document: dict[str, Any] = {"error": " ".join(sentence.split())}
+    query.reply_err(json.dumps(document), encoding=zenoh.Encoding.APPLICATION_JSON)
