@@ -27,7 +27,6 @@ from typing import Any, Final, Self, get_args
 import numpy as np
 import zenoh
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
 from learner.errors import LearnerError
 from learner.model import Pose, check_name
@@ -37,13 +36,12 @@ from learner.simulation.scenarios import BASE, TOOL, sample_spot
 from learner.simulation.skills import Outcome, Skill
 from learner.simulation.world import PERIOD_S, World
 from pipelines.errors import CommandError
+from pipelines.publisher import declare_publisher
 
 POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
 GRIPPER_ENCODING: Final = "application/json;treewright.GripperState"
 POSES_HZ: Final = 30.0
 GRIPPER_PERIOD_S: Final = 0.5
-CACHE_S: Final = 20.0
-"""The contract asks for 15 s at least."""
 TICK_S: Final = 1 / 60
 BURST_S: Final = 0.1
 """The longest time that physics may run before requests are looked at again: a cancelled skill stops within 0.5 s."""
@@ -96,10 +94,10 @@ class Cell:
 
     def __enter__(self) -> Self:
         _refuse_second(self._session, f"{self._root}/sim/alive", self.name)
-        self._poses = _publisher(self._session, f"{self._root}/poses", POSES_ENCODING, CACHE_S * POSES_HZ)
-        # Twice the heartbeats: changes come in between.
-        samples = 2 * CACHE_S / GRIPPER_PERIOD_S
-        self._gripper = _publisher(self._session, f"{self._root}/gripper", GRIPPER_ENCODING, samples)
+        self._poses = declare_publisher(self._session, f"{self._root}/poses", POSES_ENCODING, 2 * POSES_HZ)
+        self._gripper = declare_publisher(
+            self._session, f"{self._root}/gripper", GRIPPER_ENCODING, 5 / GRIPPER_PERIOD_S
+        )
         keys = [f"skills/{skill}" for skill in (*SKILLS, "cancel")] + [f"sim/{name}" for name in SIMULATED]
         self._queryables = [self._declare(key) for key in keys]
         self._token = self._session.liveliness().declare_token(f"{self._root}/sim/alive")
@@ -307,19 +305,6 @@ class Cell:
             others = {other: pose for other, pose in world.poses_in_base().items() if other != name}
             pose = sample_spot(world.scenario, name, others, self._rng)
         world.teleport(name, pose, with_content=fields.get("with_content") is not False)
-
-
-def _publisher(session: zenoh.Session, key: str, encoding: str, samples: float) -> Any:
-    """A publisher that never blocks the robot, with a cache for latecomers and a heartbeat that tells what was lost."""
-    return declare_advanced_publisher(
-        session,
-        key,
-        encoding=encoding,
-        congestion_control=zenoh.CongestionControl.DROP,
-        cache=CacheConfig(max_samples=math.ceil(samples)),
-        sample_miss_detection=MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
-        publisher_detection=True,
-    )
 
 
 def _refuse_second(session: zenoh.Session, key: str, name: str) -> None:
