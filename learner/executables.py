@@ -41,6 +41,10 @@ class Executables:
         grasp = rounded_pose(self.grasps[name])
         return Pick(name, name, grasp.position, grasp.quaternion_xyzw)
 
+    def grasp_of(self, pick: Pick) -> Pose:
+        """The end-effector's pose in the object's frame when it grasps as `pick` does."""
+        return Pose(pick.position, pick.orientation)
+
     def _symmetry(self, name: str) -> Symmetry:
         return self._shape(name).symmetry
 

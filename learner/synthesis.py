@@ -15,6 +15,7 @@ from learner.executables import Executables
 from learner.groups import Group, Step
 from learner.model import Definition, GripperIs, InGripper, Node, SetGripper, Tree
 from learner.model.tree import Value, fallback, leaf, sequence, subtree
+from learner.recovery import Recovery
 
 HOLD = "Hold"
 HOLD_PORTS = ("object", "orientation", "position")
@@ -23,20 +24,15 @@ Before = Callable[[Step], Sequence[Node]]
 """What recovery puts before a step's object is taken in hand; nothing where it knows nothing."""
 
 
-def nothing(_: Step) -> Sequence[Node]:
-    """No recovery."""
-    return ()
-
-
-def tree_of(main_id: str, groups: Sequence[Group], actions: Executables, before: Before = nothing,
-            recovery: Sequence[Definition] = ()) -> Tree:  # fmt: skip
+def tree_of(main_id: str, groups: Sequence[Group], actions: Executables, recovery: Recovery) -> Tree:
     """The tree of all groups: any finished goal is left alone, else the first group's is pursued.
 
     The goals of the further groups are tested before any is pursued; a further group's own tree follows the first
     under a Fallback with memory as long as the whole stays within eleven nodes a placement.
     """
-    roots = [_root(group, actions, before) for group in groups]
-    definitions = [Definition(HOLD, hold_body("{object}", "{position}", "{orientation}"), HOLD_PORTS), *recovery]
+    roots = [_root(group, actions, recovery.before) for group in groups]
+    hold_definition = Definition(HOLD, hold_body("{object}", "{position}", "{orientation}"), HOLD_PORTS)
+    definitions = [hold_definition, *recovery.definitions]
     tree = Tree(Definition(main_id, _together(groups, roots, actions, definitions)), tuple(definitions))
     return _without_unused(tree)
 

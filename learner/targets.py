@@ -41,6 +41,8 @@ class Target:
     releases: tuple[Pose, ...] = field(compare=False)
     context: int = 0
     supported: bool = True
+    on_top: bool = False
+    """Whether the object rests upon the one whose frame this is."""
     tied: frozenset[str] = field(default=frozenset())
     """Frames that the task itself keeps rigid with the chosen one: they are not rivals."""
 
@@ -188,9 +190,11 @@ class TargetFinder:
         samples = [self._sample(number) for number in members]
         rests = tuple(sample.rest(frame) for sample in samples)
         spread_m = greatest_distance(np.array([rest.position for rest in rests]))
-        fits = verdict(samples, spread_m, self._on_top(frame, samples), self.parameters)
+        on_top = self._on_top(frame, samples)
+        fits = verdict(samples, spread_m, on_top, self.parameters)
         releases = tuple(sample.release(frame) for sample in samples)
-        return Target(samples[0].action.object, frame, members, frames, fits, rests, releases, context, supported)
+        name = samples[0].action.object
+        return Target(name, frame, members, frames, fits, rests, releases, context, supported, on_top)
 
     def _on_top(self, frame: str, samples: Sequence[Sample]) -> bool:
         """Whether the object rests upon the one whose frame this is."""

@@ -17,6 +17,7 @@ from learner.model import Demonstration
 from learner.moves import Move, moves_of
 from learner.parameters import Parameters
 from learner.questions import questions
+from learner.recovery import Recovery
 from learner.synthesis import tree_of
 from learner.targets import Target, TargetFinder
 
@@ -43,7 +44,8 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
     groups = groups_of(demonstrations, pursued, held, parameters.least_radius_m * 2)
     actions = Executables(demonstrations, moves, targets, parameters)
     asked = questions(demonstrations, targets, parameters)
-    tree = tree_of(main_id(demonstrations), groups, actions)
+    recovery = Recovery(demonstrations, actions, targets)
+    tree = tree_of(main_id(demonstrations), groups, actions, recovery)
     notes += [note for group in groups for note in group.notes]
     notes += [f"{t.object} at {t.frame}: {t.verdict.evidence}; {t.verdict.chosen} was corrected to {t.verdict.type}"
               for t in targets if t.verdict.corrected]  # fmt: skip

@@ -1,0 +1,239 @@
+"""Recovery from what was not demonstrated: what covers an object or occupies its place is put aside first.
+
+All of it stands in SubTrees whose ID begins with `Recover_`. With a scene every object that can be grasped may cover
+or occupy; without one, objects are points and only the stackings that were demonstrated are known. Fallbacks over an
+action have memory, so that lifting an object off does not end the action that lifts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from learner.executables import Executables
+from learner.groups import Step
+from learner.model import Condition, Definition, Demonstration, InGripper, Node, ObjectAt, Pick, Place, Pose, SetGripper
+from learner.model.condition import DROP_RADIUS_M, GripperIs, ObjectRoughlyAt
+from learner.model.names import identifier
+from learner.model.pose import Array, conjugate, rotate
+from learner.model.tree import RECOVERY_PREFIX, fallback, leaf, sequence, subtree
+from learner.rounding import rounded_pose, rounded_vector
+from learner.targets import Target
+
+COVER_RADIUS_M = 0.035
+"""An object's origin this near to the middle of the place above another covers it: it would not stay further off."""
+OCCUPY_RADIUS_M = 0.045
+"""An object this near to a place leaves no room there for another of 5 cm."""
+SPOTS = 4
+"""So many spots are tried for what is put aside."""
+LEVELS = 3
+"""So high a pile is taken down."""
+RAISED_M = 0.003
+"""What is put aside is let go this much above the table."""
+
+PUT_DOWN = f"{RECOVERY_PREFIX}PutDown"
+SPOT_FREE = f"{RECOVERY_PREFIX}SpotIsFree"
+
+
+@dataclass(frozen=True)
+class Cover:
+    """`object` lies upon `under` when its origin is within `radius` [m] of `position` [m] in the frame of `under`."""
+
+    object: str
+    under: str
+    position: tuple[float, float, float]
+    radius: float
+
+    @property
+    def condition(self) -> ObjectAt:
+        return ObjectAt(self.object, self.under, self.position, self.radius)
+
+
+class Recovery:
+    """The recovery nodes of one task: `before(step)` for the tree, and the SubTree `definitions` they use."""
+
+    def __init__(self, demonstrations: Sequence[Demonstration], actions: Executables, targets: Sequence[Target]):
+        self.demonstrations, self.actions, self.targets = demonstrations, actions, targets
+        self.base = demonstrations[0].base_frame
+        self.picks = self._picks()
+        self.covers = self._covers()
+        self._definitions: dict[str, Definition] = {}
+
+    @property
+    def definitions(self) -> list[Definition]:
+        """The SubTrees that the nodes given so far use."""
+        return list(self._definitions.values())
+
+    def before(self, step: Step) -> Sequence[Node]:
+        """What makes room before a step: its place freed and the object uncovered, and the hand emptied for it."""
+        name, place = step.target.object, self.actions.placements[step.target]
+        occupied, covers = self._occupations(step), self._covers_of(name)
+        if not occupied and not covers:
+            return ()
+        tree_id = self._unique(f"{RECOVERY_PREFIX}Room_for_{identifier(name)}_at_{identifier(place.frame)}")
+        uncovered = sequence(*(_not(cover.condition) for cover in covers)) if covers else None
+        clear = [*map(_not, occupied), *([fallback(leaf(InGripper(name)), uncovered)] if uncovered else [])]
+        lifts = [_then(condition, self._lift(condition.object)) for condition in occupied]
+        lifts += [_then(cover.condition, leaf(self.picks[cover.object])) for cover in covers]
+        away = sequence(self._put_down(), _first(lifts))
+        body = sequence(
+            fallback(sequence(*clear), away, reactive=False), fallback(leaf(InGripper(name)), self._put_down())
+        )
+        self._definitions[tree_id] = Definition(tree_id, body)
+        return (subtree(tree_id),)
+
+    def _unique(self, tree_id: str) -> str:
+        number, candidate = 1, tree_id
+        while candidate in self._definitions:
+            number += 1
+            candidate = f"{tree_id}_{number}"
+        return candidate
+
+    def _picks(self) -> dict[str, Pick]:
+        """How to grasp each object that was picked, and each of the same shape as one that was."""
+        picks = {name: self.actions.pick(name) for name in self.actions.grasps}
+        scene = self.actions.scene
+        for name, shape in sorted(scene.objects.items()) if scene else []:
+            alike = (other for other in sorted(self.actions.grasps) if scene and scene.objects.get(other) == shape)
+            like = next(alike, None)
+            if name not in picks and like is not None and any(name in d.objects for d in self.demonstrations):
+                picks[name] = Pick(name, name, picks[like].position, picks[like].orientation)
+        return picks
+
+    def _covers(self) -> list[Cover]:
+        """Every covering that is possible (with a scene) or was demonstrated, the highest in a pile first."""
+        scene = self.actions.scene
+        if scene is None:
+            return [self._demonstrated_cover(target) for target in self.targets if target.on_top]
+        known = [name for name in self.picks if name in scene.objects]
+        return [
+            Cover(x, o, rounded_vector(self._up(o) * self._height_above(x, o, level, known)), COVER_RADIUS_M)
+            for level in reversed(range(min(LEVELS, len(known) - 1)))
+            for o in known
+            for x in known
+            if x != o
+        ]
+
+    def _demonstrated_cover(self, target: Target) -> Cover:
+        placement = self.actions.placements[target]
+        return Cover(target.object, target.frame, placement.rest, COVER_RADIUS_M)
+
+    def _height_above(self, x: str, o: str, level: int, known: Sequence[str]) -> float:
+        """How far above the origin of o that of x lies when `level` others are between."""
+        between = level * float(np.median([self._height(name) for name in known]))
+        return self._height(o) / 2 + between + self._height(x) / 2
+
+    def _height(self, name: str) -> float:
+        """The object's size [m] along the axis that stands upright."""
+        scene = self.actions.scene
+        assert scene is not None
+        up = np.abs(self._up(name))
+        return float(scene.objects[name].size_m[int(np.argmax(up))])
+
+    def _up(self, name: str) -> Array:
+        """The direction (3,), in the object's frame, that points up in the base on average."""
+        quaternions = [
+            pose.quaternion_xyzw for d in self.demonstrations for pose in (d.initial.get(name),) if pose is not None
+        ]
+        up = rotate(conjugate(np.array(quaternions)), np.array([0.0, 0.0, 1.0])).mean(axis=0)
+        norm = float(np.linalg.norm(up))
+        return np.asarray(up / norm) if norm > 0.5 else np.array([0.0, 0.0, 1.0])
+
+    def _occupations(self, step: Step) -> list[ObjectAt]:
+        """Which other objects may occupy the place of a step. Dropping needs no free place."""
+        place = self.actions.placements[step.target]
+        if self.actions.scene is None or not isinstance(place, Place):
+            return []
+        return [
+            ObjectAt(name, place.frame, place.rest, OCCUPY_RADIUS_M)
+            for name in sorted(self.picks)
+            if name not in (step.target.object, place.frame)
+        ]
+
+    def _covers_of(self, name: str) -> list[Cover]:
+        return [cover for cover in self.covers if cover.under == name and cover.object in self.picks]
+
+    def _lift(self, name: str) -> Node:
+        """Picks the object, or what lies highest upon it."""
+        covers = self._covers_of(name)
+        if not covers:
+            return leaf(self.picks[name])
+        tree_id = f"{RECOVERY_PREFIX}Lift_{identifier(name)}"
+        lifts = [_then(cover.condition, leaf(self.picks[cover.object])) for cover in covers]
+        self._definitions[tree_id] = Definition(tree_id, _first([*lifts, leaf(self.picks[name])]))
+        return subtree(tree_id)
+
+    def _put_down(self) -> Node:
+        """The SubTree that empties and opens the gripper: what it holds is set down on the first free spot."""
+        if PUT_DOWN not in self._definitions:
+            self._definitions[SPOT_FREE] = Definition(SPOT_FREE, self._spot_is_free(), ("position",))
+            spots = [self._put_on(spot) for spot in self._spots()]
+            body = fallback(leaf(GripperIs("open")), _first(spots), leaf(SetGripper("open")))
+            self._definitions[PUT_DOWN] = Definition(PUT_DOWN, body)
+        return subtree(PUT_DOWN)
+
+    def _put_on(self, spot: Array) -> Node:
+        """Places what is held on a spot (2,), if that is free."""
+        places = []
+        for name in sorted(self.picks):
+            pose = self._pose_on_table(name, spot)
+            hand = rounded_pose(pose @ self.actions.grasp_of(self.picks[name]))
+            place = Place(name, self.base, hand.position, hand.quaternion_xyzw, rounded_vector(pose.position))
+            places.append(_then(InGripper(name), leaf(place)))
+        position = rounded_vector((spot[0], spot[1], 0.0))
+        return sequence(subtree(SPOT_FREE, position=position), _first(places), reactive=False)
+
+    def _spots(self) -> list[Array]:
+        """Spots (2,) in the base far from one another, where objects have lain and the robot has reached."""
+        seen = np.array(
+            [d.initial[name].position[:2] for d in self.demonstrations for name in d.initial if name in self.picks]
+        )
+        chosen = [int(np.argmin(seen @ np.array([1.0, 1e-3])))]
+        while len(chosen) < min(SPOTS, len(seen)):
+            away = np.linalg.norm(seen[:, None] - seen[chosen][None], axis=2).min(axis=1)
+            chosen.append(int(np.argmax(away)))
+        return [seen[index] for index in chosen]
+
+    def _pose_on_table(self, name: str, spot: Array) -> Pose:
+        """The pose of an object that stands on the table, a little raised, oriented as it was first seen."""
+        poses = [d.initial[name] for d in self.demonstrations if name in d.initial]
+        lowest = min(poses, key=lambda pose: pose.position[2])
+        height = min(self._initial_heights(name))
+        return Pose.of((spot[0], spot[1], height + RAISED_M), lowest.quaternion_xyzw)
+
+    def _initial_heights(self, name: str) -> list[float]:
+        """Heights [m] at which the object, or one of the same shape, was first seen."""
+        scene = self.actions.scene
+        alike = [
+            other
+            for other in self.picks
+            if other == name or (scene and scene.objects.get(other) == scene.objects.get(name))
+        ]
+        return [d.initial[other].position[2] for d in self.demonstrations for other in alike if other in d.initial]
+
+    def _spot_is_free(self) -> Node:
+        """No object is near the spot at the port `position`; wide ones are looked for within their reach."""
+        names = sorted({name for d in self.demonstrations for name in d.objects})
+        template = ObjectRoughlyAt("x", self.base, (0.0, 0.0, 0.0), DROP_RADIUS_M)
+        ports = dict(leaf(template).ports)
+        checks = [
+            Node("ObjectRoughlyAt", tuple(sorted({**ports, "object": name, "position": "{position}"}.items())))
+            for name in names
+        ]
+        return sequence(*(Node("Inverter", (), (check,)) for check in checks))
+
+
+def _not(condition: Condition) -> Node:
+    return Node("Inverter", (), (leaf(condition),))
+
+
+def _then(condition: Condition, action: Node) -> Node:
+    """The action if the condition holds; with memory, so that the action may end what it was begun for."""
+    return sequence(leaf(condition), action, reactive=False)
+
+
+def _first(nodes: Sequence[Node]) -> Node:
+    """The first that does not fail; with memory, so that what runs is not given up for an earlier one."""
+    return nodes[0] if len(nodes) == 1 else fallback(*nodes, reactive=False)
