@@ -103,6 +103,8 @@ class CellLeaves:
         self._held_before: dict[Condition, bool] = {}
         self._active: dict[int, Execution] = {}
         self._moving: Execution | None = None
+        self._cancellation: PendingAnswer | None = None
+        """The last cancellation: its reply is not waited for, but Zenoh complains if nobody is there to take it."""
         self.actions = 0
         self.failures_in_a_row = 0
         self.last_failure = ""
@@ -198,7 +200,7 @@ class CellLeaves:
 
     def _cancel(self, execution: Execution) -> None:
         execution.cancel_sent_s = time.monotonic()
-        self._link.ask("cancel", {"execution_id": execution.execution_id})
+        self._cancellation = self._link.ask("cancel", {"execution_id": execution.execution_id})
 
     def _seen_after(self, execution: Execution) -> bool:
         now_s, hand_s = time.monotonic(), self._link.hand_received_s

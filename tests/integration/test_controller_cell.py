@@ -96,7 +96,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.setattr(controller, "SETTLE_S", 0.3)
     endpoint = free_endpoint()
     with (
         session_on(endpoint, "listen") as cells,
@@ -137,7 +138,8 @@ def test_a_request_is_the_ports_as_json_with_an_id_of_its_own(bench: Bench) -> N
     assert place["frame"] == "box"
 
 
-def test_success_is_final_only_after_it_has_lasted(bench: Bench) -> None:
+def test_success_is_final_only_after_it_has_lasted(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(controller, "SETTLE_S", 1.0)
     bench.cell.objects["A"] = BOX @ Pose(IN_BOX)
     started_s = time.monotonic()
     result = bench.run()
