@@ -39,7 +39,7 @@ def open_session(
 
     if environment.get("RUST_LOG"):
         # Only on request: Zenoh's log goes to standard output, where --json promises one document and nothing else.
-        zenoh.try_init_log_from_env()
+        zenoh.init_log_from_env_or("error")
     connect, listen = (
         getattr(arguments, name) or [part for part in environment.get(variable, "").split(",") if part]
         for name, variable in (("connect", "TREEWRIGHT_CONNECT"), ("listen", "TREEWRIGHT_LISTEN"))
