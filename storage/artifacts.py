@@ -26,7 +26,14 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from learner.errors import LearnerError
 from learner.model import Tree, check_alias, check_name
 from storage.btcpp import from_xml, to_xml
-from storage.errors import DamagedError, ManifestRefusedError, NotStoredError, StorageError, StorageUnavailableError
+from storage.errors import (
+    AliasRefusedError,
+    DamagedError,
+    ManifestRefusedError,
+    NotStoredError,
+    StorageError,
+    StorageUnavailableError,
+)
 
 Result = TypeVar("Result")
 
@@ -169,7 +176,11 @@ class ArtifactStore:
         return self._until_won(lambda: self._try_to_publish(task, tree, xml, facts))
 
     def alias(self, task: str, name: str, version: int) -> bool:
-        """Let the alias `name` point to `version`. False if it does already. Raises NotStoredError."""
+        """Let the alias `name` point to `version`. False if it does already.
+
+        Raises NotStoredError, and AliasRefusedError for any alias but `latest` where the manifest's certificate holds
+        a counterexample (`{"certificate": {"counterexample": ...}}`): such a tree is not for use.
+        """
         check_alias(name)
         return self._until_won(lambda: self._try_to_alias(task, name, version))
 
@@ -272,11 +283,19 @@ class ArtifactStore:
             present = self._aliases(connection, task).get(name)
             if present == version:
                 return False
+            if name != LATEST:
+                self._check_certificate(row)
             where = (ALIASES.c.task == task) & (ALIASES.c.name == name)
             change = ALIASES.insert().values(task=task, name=name) if present is None else ALIASES.update().where(where)
             connection.execute(change.values(version=version))
             _record(connection, task, "alias", version, name, row.digest)
         return True
+
+    def _check_certificate(self, row: sa.Row[Any]) -> None:
+        name = f"{row.task}@{row.version}"
+        certificate = json.loads(self._load(row.manifest_sha256, f"the manifest of {name}")).get("certificate")
+        if isinstance(certificate, dict) and certificate.get("counterexample"):
+            raise AliasRefusedError(f"{name} has a counterexample in its certificate; it gets no alias but {LATEST}")
 
     def _resolve(self, connection: sa.Connection, task: str, ref: str | int | None) -> int:
         versions = self._check_task(connection, task)

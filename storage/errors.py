@@ -5,6 +5,7 @@ StorageError
 ├── NotStoredError             what was asked for is not there; the message says what is
 ├── ConflictError              a demonstration's id is taken by other content
 ├── RelabelRefusedError        a correction that the demonstrated action cannot take
+├── AliasRefusedError          a tree with a counterexample gets no alias but latest
 ├── ManifestRefusedError       facts about a tree that would contradict the store's own
 ├── DamagedError               stored bytes are not those that were stored
 └── StorageUnavailableError    may pass: a database, folder or served store does not answer now
@@ -46,6 +47,10 @@ class ConflictError(StorageError):
 
 class RelabelRefusedError(StorageError):
     """A correction of an action's type that its other facts contradict."""
+
+
+class AliasRefusedError(StorageError):
+    """An alias that a tree may not get."""
 
 
 class ManifestRefusedError(StorageError):

@@ -18,7 +18,14 @@ from learner.model.condition import InGripper
 from learner.model.tree import Definition, Node, fallback, leaf, sequence, subtree
 from storage.artifacts import ArtifactStore, Change, Published
 from storage.btcpp import from_xml, to_xml
-from storage.errors import DamagedError, ManifestRefusedError, NotStoredError, StorageUnavailableError, WrittenTreeError
+from storage.errors import (
+    AliasRefusedError,
+    DamagedError,
+    ManifestRefusedError,
+    NotStoredError,
+    StorageUnavailableError,
+    WrittenTreeError,
+)
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
 FACTS = {
@@ -156,6 +163,16 @@ def test_an_alias_starts_with_a_letter(store: ArtifactStore) -> None:
     store.publish("kitting", tree(), {})
     with pytest.raises(NameRefusedError):
         store.alias("kitting", "7", 1)
+
+
+def test_a_tree_with_a_counterexample_gets_no_alias_but_latest(store: ArtifactStore) -> None:
+    store.publish("kitting", tree(0.1), {"certificate": {"counterexample": ["A is covered"]}})
+    store.publish("kitting", tree(0.2), {"certificate": {"counterexample": None}})
+    assert store.alias("kitting", "latest", 1)
+    assert store.alias("kitting", "production", 2)
+    with pytest.raises(AliasRefusedError, match="kitting@1 has a counterexample"):
+        store.alias("kitting", "production", 1)
+    assert store.aliases("kitting") == {"latest": 1, "production": 2}
 
 
 def test_facts_that_the_store_states_itself_or_that_are_not_json_are_refused(store: ArtifactStore) -> None:

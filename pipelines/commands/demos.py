@@ -1,0 +1,154 @@
+"""`treewright demos`: what was demonstrated, what was refused, and leaving a demonstration out.
+
+    list [--task T]   every demonstration, and the recordings in quarantine with their reasons
+    show ID           one demonstration, action by action
+    exclude ID        leave it out of learning
+    restore ID        take it back
+
+With --json:
+
+    list      {"demonstrations": [...], "quarantined": [{"file", "sha256", "reason"}]}; each demonstration
+              {"demonstration_id", "task", "user", "cell", "outcome", "actions": n, "objects", "start_ns", "sha256",
+              "excluded", "relabelled": [step], "warnings", "gaps"}
+    show      the same with "actions" as a list [{"step", "stamp_ns", "type", "demonstrated_type", "object",
+              "end_effector", "frames", "rest", "rest_seen", "warnings"}], poses in the base frame as
+              {"position": [x, y, z], "quaternion_xyzw": [x, y, z, w]}, and "base_frame", "end_effector_frame"
+    exclude, restore   {"demonstration_id", "excluded", "changed"}
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
+
+from pipelines.console import Console
+from pipelines.home import Home
+
+if TYPE_CHECKING:
+    from learner.model import DemonstratedAction, Demonstration, Pose
+    from storage.lake import Entry, Lake
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright demos`."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    for name, help_ in (
+        ("list", "every demonstration, and what is in quarantine"),
+        ("show", "one demonstration, action by action"),
+        ("exclude", "leave a demonstration out of learning"),
+        ("restore", "take an excluded demonstration back"),
+    ):
+        action = actions.add_parser(name, help=help_, description=f"{help_[0].upper()}{help_[1:]}.")
+        # Also after the action, where people write it; not given there, the option before the action stands.
+        action.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+        if name == "list":
+            action.add_argument("--task", metavar="T", help="only this task's")
+        else:
+            action.add_argument("id", metavar="ID", help="id of the demonstration")
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Returns 0; what fails raises."""
+    from pipelines.stores import open_lake
+
+    ACTIONS[arguments.action](open_lake(Home.current()), arguments, console)
+    return 0
+
+
+def _list(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
+    from learner.model import check_name
+
+    task = None if arguments.task is None else check_name("task", arguments.task)
+    entries, refused = lake.entries(task), lake.quarantined()
+    quarantined = [{"file": each.file, "sha256": each.sha256, "reason": each.reason} for each in refused]
+    console.emit({"demonstrations": [_summary(entry) for entry in entries], "quarantined": quarantined})
+    for entry in entries:
+        console.say(_line(entry))
+    if not entries:
+        console.say("no demonstration is in the lake; `treewright ingest` takes recordings in")
+    for each in refused:
+        console.say(f"quarantined {each.file}: {each.reason}")
+
+
+def _show(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
+    entry = lake.entry(arguments.id)
+    demonstration = entry.demonstration
+    actions = [_action(action, entry, demonstration.base_frame) for action in demonstration.actions]
+    frames = {"base_frame": demonstration.base_frame, "end_effector_frame": demonstration.end_effector_frame}
+    console.emit(_summary(entry) | frames | {"actions": actions})
+    console.say(_line(entry))
+    for action in demonstration.actions:
+        console.say(_action_line(action, entry))
+    for warning in (*demonstration.warnings, *demonstration.gaps):
+        console.say(f"  warning: {warning}")
+
+
+def _exclude(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
+    changed = lake.exclude(arguments.id)
+    console.say(f"{arguments.id} {'is now' if changed else 'was already'} left out of learning")
+    console.emit({"demonstration_id": arguments.id, "excluded": True, "changed": changed})
+
+
+def _restore(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
+    changed = lake.restore(arguments.id)
+    console.say(f"{arguments.id} {'is learned from again' if changed else 'was not excluded'}")
+    console.emit({"demonstration_id": arguments.id, "excluded": False, "changed": changed})
+
+
+ACTIONS: Final[dict[str, Callable[[Lake, argparse.Namespace, Console], None]]] = {
+    "list": _list,
+    "show": _show,
+    "exclude": _exclude,
+    "restore": _restore,
+}
+
+
+def _summary(entry: Entry) -> dict[str, Any]:
+    demonstration = entry.demonstration
+    names = ("demonstration_id", "task", "user", "cell", "outcome", "start_ns", "sha256")
+    return {name: getattr(demonstration, name) for name in names} | {
+        "actions": len(demonstration.actions),
+        "objects": list(demonstration.objects),
+        "excluded": entry.excluded,
+        "relabelled": sorted(entry.demonstrated_types),
+        "warnings": list(demonstration.warnings),
+        "gaps": list(demonstration.gaps),
+    }
+
+
+def _line(entry: Entry) -> str:
+    demonstration: Demonstration = entry.demonstration
+    marks = [demonstration.outcome, f"{len(demonstration.actions)} actions"]
+    marks += ["excluded"] if entry.excluded else []
+    marks += [f"relabelled at step {step}" for step in sorted(entry.demonstrated_types)]
+    marks += ["messages were lost near an action"] if demonstration.gaps else []
+    return f"{demonstration.demonstration_id}  {demonstration.task} by {demonstration.user}: {', '.join(marks)}"
+
+
+def _action_line(action: DemonstratedAction, entry: Entry) -> str:
+    place = ", ".join(f"{number:.3f}" for number in action.end_effector.position)
+    demonstrated = entry.demonstrated_types.get(action.step)
+    notes = [f"demonstrated as a {demonstrated}"] if demonstrated else []
+    notes += list(action.warnings)
+    return f"  {action.step}  {action.type} {action.object} at ({place})" + "".join(f"; {note}" for note in notes)
+
+
+def _action(action: DemonstratedAction, entry: Entry, base_frame: str) -> dict[str, Any]:
+    rest = None if action.rest is None else action.rest.get(base_frame)
+    return {
+        "step": action.step,
+        "stamp_ns": action.stamp_ns,
+        "type": action.type,
+        "demonstrated_type": entry.demonstrated_types.get(action.step, action.type),
+        "object": action.object,
+        "end_effector": _pose(action.end_effector),
+        "frames": list(action.frames),
+        "rest": None if rest is None else _pose(rest),
+        "rest_seen": action.rest_seen,
+        "warnings": list(action.warnings),
+    }
+
+
+def _pose(pose: Pose) -> dict[str, list[float]]:
+    return {"position": list(pose.position), "quaternion_xyzw": list(pose.quaternion_xyzw)}

@@ -1,0 +1,176 @@
+"""`treewright store`: the artifact store on the command line.
+
+    list                              the tasks, their newest version and aliases
+    show T[@V]                        the manifest
+    export T[@V] --format F -o FILE   the tree as btcpp (XML), json or svg; `-` is standard output
+    alias T NAME VERSION              let an alias point to a version; `production` moves by this alone
+    verify T[@V]                      hash everything again, validate the XML, compare with the manifest
+
+`@V` is a version or an alias; without it `production` if set, else `latest`. With --json:
+
+    list     [{"task", "version", "digest", "aliases": {name: version}}]
+    show     the manifest with "aliases": [name] added
+    export   {"task", "version", "digest", "format", "file"}
+    alias    {"task", "alias", "version", "changed"}
+    verify   {"task", "version", "digest", "verified": true}
+
+The database lies in the data root, or where TREEWRIGHT_STORE_URL says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import secrets
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from pipelines.console import Console
+from pipelines.home import Home
+
+if TYPE_CHECKING:
+    from storage.artifacts import Artifact, ArtifactStore
+
+STANDARD_OUTPUT: Final = "-"
+FORMATS: Final = ("btcpp", "json", "svg")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright store`."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    _add(actions, "list", "the tasks, their newest version and aliases")
+    _add(actions, "show", "the manifest of a version").add_argument("tree", metavar="T[@V]", help=_TREE_HELP)
+    export = _add(actions, "export", "write a tree")
+    export.add_argument("tree", metavar="T[@V]", help=_TREE_HELP)
+    export.add_argument("--format", choices=FORMATS, default="btcpp", help="BehaviorTree.CPP XML, JSON or a picture")
+    export.add_argument(
+        "-o", "--output", metavar="F", default=STANDARD_OUTPUT, help="file to write; - is standard output (default)"
+    )
+    export.set_defaults(refuse=export.error)
+    alias = _add(actions, "alias", "let an alias point to a version")
+    alias.add_argument("tree", metavar="T", help="task")
+    alias.add_argument("name", metavar="NAME", help="alias, such as production")
+    alias.add_argument("version", metavar="VERSION", type=_version, help="number of the version")
+    _add(actions, "verify", "check that a version is whole and valid").add_argument(
+        "tree", metavar="T[@V]", help=_TREE_HELP
+    )
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Returns 0; what fails raises."""
+    if arguments.action == "export" and console.as_json and arguments.output == STANDARD_OUTPUT:
+        arguments.refuse("--json leaves standard output to the report; name a file with -o")
+    from pipelines.stores import open_store
+
+    with open_store(Home.current()) as store:
+        ACTIONS[arguments.action](store, arguments, console)
+    return 0
+
+
+_TREE_HELP: Final = "task, with a version or an alias (else production, else latest)"
+
+
+def _add(
+    actions: argparse._SubParsersAction[argparse.ArgumentParser], name: str, help_: str
+) -> argparse.ArgumentParser:
+    parser = actions.add_parser(name, help=help_, description=f"{help_[0].upper()}{help_[1:]}.")
+    # Also after the action, where people write it; not given there, the option before the action stands.
+    parser.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+    return parser
+
+
+def _version(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise argparse.ArgumentTypeError(f"a version is a number, not {text!r}")
+    return int(text)
+
+
+def _list(store: ArtifactStore, _: argparse.Namespace, console: Console) -> None:
+    tasks = store.tasks()
+    console.emit(tasks)
+    for row in tasks:
+        aliases = ", ".join(f"{name} is {version}" for name, version in row["aliases"].items())
+        console.say(f"{row['task']}@{row['version']}  {row['digest'][:12]}  {aliases}".rstrip())
+    if not tasks:
+        console.say(f"nothing is stored in {store.root}; `treewright learn TASK` publishes a tree")
+
+
+def _show(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
+    artifact = _chosen(store, arguments)
+    document = {**artifact.manifest, "aliases": list(artifact.aliases)}
+    console.emit(document)
+    console.say(json.dumps(document, indent=2, sort_keys=True))
+
+
+def _export(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
+    artifact = _chosen(store, arguments)
+    text = _rendered(artifact, arguments.format)
+    if arguments.output == STANDARD_OUTPUT:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+        return
+    file = Path(arguments.output).absolute()
+    _write(file, text)
+    console.say(f"{artifact.task}@{artifact.version} as {arguments.format}: {file}")
+    document = {"task": artifact.task, "version": artifact.version, "digest": artifact.digest}
+    console.emit(document | {"format": arguments.format, "file": str(file)})
+
+
+def _alias(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
+    task, name, version = arguments.tree, arguments.name, arguments.version
+    changed = store.alias(task, name, version)
+    console.say(f"{name} of {task} {'is now' if changed else 'was already'} version {version}")
+    console.emit({"task": task, "alias": name, "version": version, "changed": changed})
+
+
+def _verify(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
+    chosen = _reference(arguments)
+    artifact = store.verify(*chosen)
+    console.say(f"{artifact.task}@{artifact.version} is whole and valid: digest {artifact.digest}")
+    console.emit({"task": artifact.task, "version": artifact.version, "digest": artifact.digest, "verified": True})
+
+
+ACTIONS: Final[dict[str, Callable[[ArtifactStore, argparse.Namespace, Console], None]]] = {
+    "list": _list,
+    "show": _show,
+    "export": _export,
+    "alias": _alias,
+    "verify": _verify,
+}
+
+
+def _reference(arguments: argparse.Namespace) -> tuple[str, str | int | None]:
+    from pipelines.reference import Reference
+
+    reference = Reference.parse(arguments.tree)
+    return reference.task, reference.alias if reference.version is None else reference.version
+
+
+def _chosen(store: ArtifactStore, arguments: argparse.Namespace) -> Artifact:
+    return store.get(*_reference(arguments))
+
+
+def _rendered(artifact: Artifact, format_: str) -> str:
+    if format_ == "json":
+        return artifact.tree.to_json() + "\n"
+    if format_ == "svg":
+        from storage.picture import to_svg
+
+        return to_svg(artifact.tree)
+    return artifact.xml
+
+
+def _write(file: Path, text: str) -> None:
+    """Beside, then renamed: whoever reads the file sees the old one or the whole new one."""
+    beside = file.with_name(f".{file.name}.{secrets.token_hex(4)}.part")
+    try:
+        with beside.open("w", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.replace(file)
+    finally:
+        beside.unlink(missing_ok=True)
