@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -193,10 +194,9 @@ class Tree:
             if document["format"] != FORMAT:
                 raise TreeError(f"this is a tree of format {document['format']!r}, not {FORMAT!r}")
             trees = {key: _definition_from_data(key, value) for key, value in document["trees"].items()}
-            main = trees.pop(document["main"])
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            return Tree(trees.pop(document["main"]), tuple(trees.values()))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise TreeError(f"this is not a tree in JSON: {error}") from error
-        return Tree(main, tuple(trees.values()))
 
     @property
     def digest(self) -> str:
@@ -231,7 +231,11 @@ def _check(tree: Tree) -> None:
         for node in definition.root.walk():
             _check_node(node, definition, tree.definitions)
     _check_cycles(tree.main, tree.definitions, ())
-    depth = tree.flattened().depth
+    flat = tree.flattened()
+    for node in flat.walk():
+        for name, value in node.ports:  # what came through the port of a SubTree was not seen before
+            _check_value(node, name, value)
+    depth = flat.depth
     if depth >= MAX_DEPTH:
         raise TreeError(f"the tree {tree.main.id} nests {depth} levels deep; BehaviorTree.CPP admits {MAX_DEPTH - 1}")
 
@@ -258,9 +262,9 @@ def _check_node(node: Node, definition: Definition, definitions: Mapping[str, De
 def _check_value(node: Node, name: str, value: Value) -> None:
     lengths = {"position": 3, "orientation": 4}
     if name in lengths:
-        fits = isinstance(value, tuple) and len(value) == lengths[name]
+        fits = isinstance(value, tuple) and len(value) == lengths[name] and all(map(math.isfinite, value))
     elif name == "radius":
-        fits = isinstance(value, float) and value > 0
+        fits = isinstance(value, float) and 0 < value < math.inf
     elif name == "state":
         fits = value in ("open", "closed")
     else:
