@@ -1,14 +1,22 @@
-"""Made-up demonstrations: one by hand, and random ones for property tests."""
+"""Made-up demonstrations: one by hand, random ones for property tests, and ones that follow a script.
+
+start = {"A": at(0.4, 0.1), "box": at(0.5, -0.2)}
+scripted(start, [Put("A", "box", (0.0, 0.0, 0.02))])
+"""
 
 from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
 from hypothesis import strategies as st
 
 from learner.model import DemonstratedAction, Demonstration, ObjectShape, Pose, Scene
+from learner.model.demonstration import ActionType
+from learner.model.pose import Vector
 
 TURNED = (0.0, 0.0, math.sin(0.3), math.cos(0.3))
 
@@ -102,3 +110,166 @@ DEMONSTRATIONS = st.builds(
     warnings=SENTENCES,
     gaps=SENTENCES,
 )
+
+
+BASE, TOOL = "base", "tool0"
+ORIGIN = Pose((0.0, 0.0, 0.0))
+CUBE_M = 0.05
+TABLE_M = CUBE_M / 2
+"""Height of a cube's origin on the table."""
+ON_TOP: Vector = (0.0, 0.0, CUBE_M)
+GRASP = Pose((0.0, 0.0, 0.01), (1.0, 0.0, 0.0, 0.0))
+"""The hand in a cube's frame, from above."""
+NS = 1_000_000_000
+
+
+def turned(yaw: float) -> tuple[float, float, float, float]:
+    """The quaternion xyzw of a turn [rad] about the vertical."""
+    return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+
+
+def at(x: float, y: float, z: float = TABLE_M, yaw: float = 0.0) -> Pose:
+    """An upright pose in the base."""
+    return Pose((x, y, z), turned(yaw))
+
+
+@dataclass(frozen=True)
+class Put:
+    """Pick `object`, and release it `fall_m` above where it comes to rest: `at` in `frame`, turned by `yaw` there."""
+
+    object: str
+    frame: str
+    at: Vector
+    type: ActionType = "place"
+    fall_m: float = 0.0
+    yaw: float = 0.0
+    grasp: Pose = GRASP
+
+
+@dataclass(frozen=True)
+class Take:
+    """Pick `object` and keep it."""
+
+    object: str
+    grasp: Pose = GRASP
+
+
+@dataclass(frozen=True)
+class Shove:
+    """Somebody sets `object` down at a pose in the base, together with `content`, by hand."""
+
+    object: str
+    to: Pose
+    content: tuple[str, ...] = ()
+
+
+Script = Sequence[Put | Take | Shove]
+
+
+class _Bench:
+    """A table on which a script is done, seen by a noisy camera and done by an unsteady hand."""
+
+    def __init__(self, start: Mapping[str, Pose], rng: np.random.Generator | None, hand_m: float, camera_m: float):
+        self.poses, self.rng, self.hand_m, self.camera_m = dict(start), rng, hand_m, camera_m
+        self.actions: list[DemonstratedAction] = []
+
+    def do(self, item: Put | Take | Shove) -> None:
+        if isinstance(item, Shove):
+            self._shove(item)
+            return
+        hand = self._off(self.poses[item.object] @ item.grasp, self.hand_m)
+        grasp = self.poses[item.object].inverse() @ hand
+        self._press("pick", item.object, hand)
+        if isinstance(item, Put):
+            self._release(item, grasp)
+
+    def _shove(self, item: Shove) -> None:
+        before = self.poses[item.object]
+        for name in (item.object, *item.content):
+            self.poses[name] = item.to @ before.inverse() @ self.poses[name]
+
+    def _release(self, item: Put, grasp: Pose) -> None:
+        wanted = self._frame(item.frame) @ Pose(item.at, turned(item.yaw))
+        rest = self._off(wanted, self.hand_m)
+        above = Pose((rest.position[0], rest.position[1], rest.position[2] + item.fall_m), rest.quaternion_xyzw)
+        self.poses[item.object] = above
+        pressed = self._press(item.type, item.object, above @ grasp)
+        self.poses[item.object] = rest
+        seen = self.seen()
+        frames = {BASE: ORIGIN, **{name: seen[name] for name in pressed.frames}}
+        rests = {frame: pose.inverse() @ seen[item.object] for frame, pose in frames.items()}
+        self.actions[-1] = replace(pressed, rest=rests)
+
+    def _press(self, kind: ActionType, name: str, hand: Pose) -> DemonstratedAction:
+        step, seen = len(self.actions), self.seen()
+        frames = tuple(sorted(other for other in seen if kind == "pick" or other != name))
+        self.actions.append(DemonstratedAction(step, (step + 1) * 5 * NS, kind, name, hand, seen, frames))
+        return self.actions[-1]
+
+    def _frame(self, name: str) -> Pose:
+        return ORIGIN if name == BASE else self.poses[name]
+
+    def seen(self) -> dict[str, Pose]:
+        return {name: self._off(pose, self.camera_m) for name, pose in self.poses.items()}
+
+    def _off(self, pose: Pose, sigma_m: float) -> Pose:
+        if self.rng is None:
+            return pose
+        return Pose.of(np.array(pose.position) + self.rng.normal(0.0, sigma_m, 3), pose.quaternion_xyzw)
+
+
+def scripted(
+    start: Mapping[str, Pose],
+    script: Script,
+    demonstration_id: str = "d1",
+    user: str = "u1",
+    rng: np.random.Generator | None = None,
+    hand_m: float = 0.003,
+    camera_m: float = 0.0015,
+    scene: Scene | None = None,
+) -> Demonstration:
+    """What was demonstrated by doing a script from a start; without `rng` hand and camera are exact."""
+    bench = _Bench(start, rng, hand_m, camera_m)
+    initial = bench.seen()
+    for item in script:
+        bench.do(item)
+    return Demonstration(
+        demonstration_id=demonstration_id,
+        task="task",
+        user=user,
+        cell="cell",
+        base_frame=BASE,
+        end_effector_frame=TOOL,
+        objects=tuple(start),
+        outcome="success",
+        actions=tuple(bench.actions),
+        sha256=hashlib.sha256(demonstration_id.encode()).hexdigest(),
+        initial=initial,
+        final=bench.seen(),
+        scene=scene,
+    )
+
+
+def scattered(names: Sequence[str], rng: np.random.Generator, apart_m: float = 0.15) -> dict[str, Pose]:
+    """Objects anywhere on the table at any yaw, none nearer to another than `apart_m`."""
+    poses: dict[str, Pose] = {}
+    while len(poses) < len(names):
+        x, y, yaw = rng.uniform([0.2, -0.5, -math.pi], [0.8, 0.5, math.pi])
+        if all(math.dist((x, y), pose.position[:2]) > apart_m for pose in poses.values()):
+            poses[names[len(poses)]] = at(float(x), float(y), yaw=float(yaw))
+    return poses
+
+
+def repeated(
+    names: Sequence[str],
+    scripts: Sequence[Script],
+    seed: int = 0,
+    scene: Scene | None = None,
+    users: Sequence[str] = ("u1",),
+) -> list[Demonstration]:
+    """One demonstration for each script, each from a scattered start, users taking turns."""
+    rng = np.random.default_rng(seed)
+    return [
+        scripted(scattered(names, rng), script, f"d{number:03}", users[number % len(users)], rng, scene=scene)
+        for number, script in enumerate(scripts)
+    ]
