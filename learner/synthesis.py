@@ -9,73 +9,101 @@ is not held.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from learner.executables import Executables
 from learner.groups import Group, Step
-from learner.model import Definition, GripperIs, InGripper, Node, SetGripper, Tree
-from learner.model.tree import Value, fallback, leaf, sequence, subtree
+from learner.model import Definition, GripperIs, Node, SetGripper, Tree
+from learner.model.tree import Value, fallback, is_recovery, leaf, sequence, subtree
 from learner.recovery import Recovery
 
 HOLD = "Hold"
 HOLD_PORTS = ("object", "orientation", "position")
 
-Before = Callable[[Step], Sequence[Node]]
-"""What recovery puts before a step's object is taken in hand; nothing where it knows nothing."""
-
 
 def tree_of(main_id: str, groups: Sequence[Group], actions: Executables, recovery: Recovery) -> Tree:
-    """The tree of all groups: any finished goal is left alone, else the first group's is pursued.
+    """The tree of all groups: any finished goal is left alone, else the first that can be reached is pursued.
 
-    The goals of the further groups are tested before any is pursued; a further group's own tree follows the first
-    under a Fallback with memory as long as the whole stays within eleven nodes a placement.
+    What all groups begin or end with stands once; between them the goals are tested before any is pursued.
     """
-    roots = [_root(group, actions, recovery.before) for group in groups]
+    root = _Builder(groups, actions, recovery).root()
     hold_definition = Definition(HOLD, hold_body("{object}", "{position}", "{orientation}"), HOLD_PORTS)
-    definitions = [hold_definition, *recovery.definitions]
-    tree = Tree(Definition(main_id, _together(groups, roots, actions, definitions)), tuple(definitions))
-    return _without_unused(tree)
+    return _without_unused(Tree(Definition(main_id, root), (hold_definition, *recovery.definitions)))
 
 
-def _together(
-    groups: Sequence[Group], roots: Sequence[Node], actions: Executables, definitions: Sequence[Definition]
-) -> Node:
-    if len(roots) == 1:
-        return roots[0]
-    tests = [_test(group, actions) for group in groups[1:]]
-    placements = {target for group in groups for step in group.steps for target in step.targets()}
-    bound = 11 * len(placements) + len(groups) + 1
-    pursued: list[Node] = [roots[0]]
-    for root in roots[1:]:
-        longer = [*pursued, root]
-        if _size(fallback(*tests, fallback(*longer, reactive=False)), definitions) <= bound:
-            pursued = longer
-    first = pursued[0] if len(pursued) == 1 else fallback(*pursued, reactive=False)
-    return fallback(*tests, first)
+class _Builder:
+    """Builds the root of one tree."""
+
+    def __init__(self, groups: Sequence[Group], actions: Executables, recovery: Recovery) -> None:
+        self.groups, self.actions, self.recovery = groups, actions, recovery
+
+    def root(self) -> Node:
+        first, alike = self.groups[0], len({group.held for group in self.groups}) == 1
+        if len(self.groups) == 1:
+            return sequence(*self._steps(first.steps), *self._held(first))
+        lists = [group.steps for group in self.groups]
+        begin = _common(lists) if alike else 0
+        end = _common([steps[begin:][::-1] for steps in lists]) if alike else 0
+        middles = [steps[begin : len(steps) - end] for steps in lists]
+        choice = self._choice(middles)
+        if not begin and not end and not self._held(first):
+            return choice
+        after = first.steps[len(first.steps) - end :]
+        return sequence(*self._steps(first.steps[:begin]), choice, *self._steps(after), *self._held(first))
+
+    def _choice(self, middles: Sequence[Sequence[Step]]) -> Node:
+        """One of several ways: a finished one is left alone, else the first that does not fail is pursued.
+
+        The Fallback over the ways has memory, so that one way is not given up for another while it runs. Ways of
+        several steps after the first are pursued as long as the tree stays within eleven nodes a placement.
+        """
+        if all(len(middle) == 1 for middle in middles):
+            steps = [middle[0] for middle in middles]
+            tests = [self._condition(step) for step in steps]
+            return fallback(*tests, fallback(*(self._chain(step) for step in steps), reactive=False))
+        tests = [self._test(middle) for middle in middles[1:]]
+        ways = [sequence(*self._steps(middle)) for middle in middles]
+        pursued = ways[:1]
+        for way in ways[1:]:
+            longer = fallback(*tests, fallback(*pursued, way, reactive=False))
+            if self._nominal_size(longer) <= self._bound(middles):
+                pursued.append(way)
+        first = pursued[0] if len(pursued) == 1 else fallback(*pursued, reactive=False)
+        return fallback(*tests, first)
+
+    def _bound(self, middles: Sequence[Sequence[Step]]) -> int:
+        placements = {target for middle in middles for step in middle for target in step.targets()}
+        return 11 * len(placements) + len(middles)
+
+    def _nominal_size(self, node: Node) -> int:
+        """The size of a node, Hold unfolded and recovery left out."""
+        holding = hold_body("o", "p", "q").size
+        unfolded = (holding if n.id == HOLD else 0 if is_recovery(n) else 1 for n in node.walk())
+        return sum(unfolded)
+
+    def _test(self, steps: Sequence[Step]) -> Node:
+        conditions = [self._condition(step) for step in steps]
+        return conditions[0] if len(conditions) == 1 else sequence(*conditions)
+
+    def _held(self, group: Group) -> list[Node]:
+        return [hold(group.held, self.actions)] if group.held else []
+
+    def _steps(self, steps: Sequence[Step]) -> list[Node]:
+        return [fallback(self._condition(step), self._chain(step)) for step in steps]
+
+    def _condition(self, step: Step) -> Node:
+        return leaf(self.actions.placements[step.target].achieves)
+
+    def _chain(self, step: Step) -> Node:
+        """The guards, room made, the object in hand, and the placement."""
+        guards = self._steps(step.guards)
+        placement = self.actions.placements[step.target]
+        return sequence(*guards, *self.recovery.before(step), hold(step.target.object, self.actions), leaf(placement))
 
 
-def _size(root: Node, definitions: Sequence[Definition]) -> int:
-    return Tree(Definition("size", root), tuple(definitions)).nodes
-
-
-def _test(group: Group, actions: Executables) -> Node:
-    conditions = [leaf(actions.placements[step.target].achieves) for step in group.steps]
-    if group.held:
-        conditions.append(leaf(InGripper(group.held)))
-    return conditions[0] if len(conditions) == 1 else sequence(*conditions)
-
-
-def _root(group: Group, actions: Executables, before: Before) -> Node:
-    steps = [step_node(step, actions, before) for step in group.steps]
-    return sequence(*steps, *([hold(group.held, actions)] if group.held else []))
-
-
-def step_node(step: Step, actions: Executables, before: Before) -> Node:
-    """The node that reaches one target and keeps its guards meanwhile."""
-    placement = actions.placements[step.target]
-    chain = [step_node(guard, actions, before) for guard in step.guards]
-    held = hold(step.target.object, actions)
-    return fallback(leaf(placement.achieves), sequence(*chain, *before(step), held, leaf(placement)))
+def _common(lists: Sequence[Sequence[Step]]) -> int:
+    """How many first steps all lists share."""
+    return next((k for k, steps in enumerate(zip(*lists, strict=False)) if len(set(steps)) > 1), min(map(len, lists)))
 
 
 def hold(name: str, actions: Executables) -> Node:
