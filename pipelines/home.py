@@ -35,6 +35,11 @@ class Home:
         return self.root / "lake"
 
     @property
+    def quarantine(self) -> Path:
+        """Copies of refused recordings that came from elsewhere, `<sha256>.mcap`."""
+        return self.root / "quarantine"
+
+    @property
     def store(self) -> Path:
         """The artifact store: its SQLite database and content-addressed files."""
         return self.root / "store"

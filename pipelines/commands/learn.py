@@ -1,0 +1,64 @@
+"""`treewright learn TASK`: cluster, infer, plan, verify, publish, set alias `latest`.
+
+With --json: {"task", "version", "digest", "nodes", "nodes_recovery", "aliases", "notes", "new"}. Where PREFECT_API_URL
+is set the flow runs and is seen there; else the same functions run directly.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from typing import TYPE_CHECKING
+
+from pipelines.console import Console
+from pipelines.home import Home
+
+if TYPE_CHECKING:
+    from pipelines.learn import Lesson
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("task", metavar="TASK")
+    parser.add_argument("--method", type=_method, metavar="NAME", help="the planner, or `paper` for the plain method")
+    parser.add_argument("--include-unknown", action="store_true", help="learn from outcomes other than success too")
+    parser.add_argument("--include-gaps", action="store_true", help="also where messages were lost near an action")
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    lesson = _learn(arguments)
+    console.emit(lesson.to_data())
+    console.say(_summary(lesson))
+    for note in lesson.notes:
+        console.say(f"  note: {note}")
+    return 0
+
+
+def _learn(arguments: argparse.Namespace) -> Lesson:
+    from learner.learning import DEFAULT_METHOD
+
+    home, method = Home.current(), arguments.method or DEFAULT_METHOD
+    if os.environ.get("PREFECT_API_URL"):
+        from pipelines.flows.learn import learn_flow
+
+        return learn_flow(str(home.root), arguments.task, method, arguments.include_unknown, arguments.include_gaps)
+    from pipelines.learn import learn_task
+    from pipelines.stores import open_lake, open_store
+
+    with open_store(home) as store:
+        return learn_task(
+            open_lake(home), store, arguments.task, method, arguments.include_unknown, arguments.include_gaps
+        )
+
+
+def _method(name: str) -> str:
+    from learner.learning import METHODS
+
+    if name not in METHODS:
+        raise argparse.ArgumentTypeError(f"no method {name!r}; there are {', '.join(METHODS)}")
+    return name
+
+
+def _summary(lesson: Lesson) -> str:
+    recovery = f" and {lesson.nodes_recovery} that only recover" if lesson.nodes_recovery else ""
+    what = "learned" if lesson.new else "nothing new: this tree was there already as"
+    return f"{what} {lesson.task}@{lesson.version} ({', '.join(lesson.aliases)}): {lesson.nodes} nodes{recovery}"

@@ -1,0 +1,195 @@
+"""From the lake to the artifact store: choose demonstrations of a task, learn, publish, set `latest`."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import Any, Final
+
+import learner
+from learner.learned import Learned
+from learner.learning import DEFAULT_METHOD, learn
+from learner.model import Demonstration, check_name
+from learner.observation import warnings_of
+from learner.parameters import Parameters
+from pipelines.errors import CommandError
+from storage.artifacts import LATEST, ArtifactStore
+from storage.lake import Entry, Lake
+
+POINTS: Final = (
+    "no demonstration tells the scene: objects are points, recovery covers only relations seen in demonstrations, "
+    "physics checks are left out"
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which demonstrations of `task` are learned from; `left_out` gives the reason by demonstration."""
+
+    task: str
+    demonstrations: tuple[Demonstration, ...]
+    left_out: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What a run of `learn` came to: CONTRACT, section 4, and the learner's notes.
+
+    `new` is False where an equal tree was stored before, whose version this is.
+    """
+
+    task: str
+    version: int
+    digest: str
+    nodes: int
+    nodes_recovery: int
+    aliases: tuple[str, ...]
+    notes: tuple[str, ...]
+    new: bool
+
+    def to_data(self) -> dict[str, Any]:
+        """The JSON document of the command."""
+        return asdict(self)
+
+
+def learn_task(
+    lake: Lake,
+    store: ArtifactStore,
+    task: str,
+    method: str = DEFAULT_METHOD,
+    include_unknown: bool = False,
+    include_gaps: bool = False,
+) -> Lesson:
+    """The whole way for one task. Raises what its three steps raise."""
+    choice = choose(lake, task, include_unknown, include_gaps)
+    return publish(store, choice, learn(choice.demonstrations, Parameters(), method), method)
+
+
+def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: bool = False) -> Choice:
+    """The demonstrations of `task` to learn from: those with outcome success that nobody excluded.
+
+    `include_unknown` adds the other outcomes; `include_gaps` those with messages lost near an action. Raises
+    NameRefusedError for a name that is none, and CommandError that says what there is where nothing is left.
+    """
+    check_name("task", task)
+    entries = lake.entries(task)
+    if not entries:
+        raise CommandError(_nothing_shown(lake, task))
+    left_out = {
+        entry.demonstration.demonstration_id: reason
+        for entry in entries
+        if (reason := _reason_against(entry, include_unknown, include_gaps))
+    }
+    chosen = tuple(e.demonstration for e in entries if e.demonstration.demonstration_id not in left_out)
+    if not chosen:
+        raise CommandError(f"nothing to learn {task} from: {_listing(left_out)}")
+    return Choice(task, chosen, left_out)
+
+
+def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str) -> Lesson:
+    """Store what was learned with its lineage and let `latest` point to it; an equal tree makes no new version."""
+    published = store.publish(choice.task, learned.tree, facts_about(choice, learned, method))
+    store.alias(choice.task, LATEST, published.version)
+    names = [name for name, version in store.aliases(choice.task).items() if version == published.version]
+    return Lesson(
+        task=choice.task,
+        version=published.version,
+        digest=published.digest,
+        nodes=learned.tree.nodes,
+        nodes_recovery=learned.tree.nodes_recovery,
+        aliases=tuple(names),
+        notes=notes_of(choice, learned),
+        new=published.new,
+    )
+
+
+def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]:
+    """What the manifest says beside what follows from the tree: whence it comes, and what is not known."""
+    first = choice.demonstrations[0]
+    return {
+        "base_frame": first.base_frame,
+        "end_effector_frame": first.end_effector_frame,
+        "lineage": {
+            "method": method,
+            "parameters": Parameters().to_data(),
+            "code": code_version(),
+            "demonstrations": [_origin(demonstration) for demonstration in _ordered(choice.demonstrations)],
+            "left_out": dict(choice.left_out),
+        },
+        "metrics": {
+            "demonstrations": len(choice.demonstrations),
+            "users": len({demonstration.user for demonstration in choice.demonstrations}),
+            "actions_demonstrated": sum(len(demonstration.actions) for demonstration in choice.demonstrations),
+            "nodes": learned.tree.nodes,
+            "nodes_recovery": learned.tree.nodes_recovery,
+            "nodes_written": learned.tree.nodes_written,
+        },
+        "scene_known": _scene_known(choice),
+        "report": learned.report,
+        "notes": list(notes_of(choice, learned)),
+    }
+
+
+def notes_of(choice: Choice, learned: Learned) -> tuple[str, ...]:
+    """What a person should know of this tree: the learner's notes, what was left out, and what stood in for what."""
+    left_out = (f"{name} was left out: {reason}" for name, reason in choice.left_out.items())
+    points = () if _scene_known(choice) else (POINTS,)
+    stand_ins = (f"{d.demonstration_id}: {text}" for d in _ordered(choice.demonstrations) for text in warnings_of(d))
+    return (*learned.notes, *left_out, *points, *stand_ins)
+
+
+def code_version() -> dict[str, str]:
+    """Which code learned: our version, and the digest of the learner's own files, which tells apart what is not."""
+    return {"treewright": version_of("treewright"), "learner_sha256": _digest_of(Path(learner.__file__).parent)}
+
+
+def _digest_of(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for file in sorted(folder.rglob("*.py")):
+        digest.update(f"{file.relative_to(folder).as_posix()}\0".encode() + file.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def _origin(demonstration: Demonstration) -> dict[str, Any]:
+    return {
+        "demonstration_id": demonstration.demonstration_id,
+        "sha256": demonstration.sha256,
+        "user": demonstration.user,
+        "cell": demonstration.cell,
+        "outcome": demonstration.outcome,
+    }
+
+
+def _ordered(demonstrations: Iterable[Demonstration]) -> Sequence[Demonstration]:
+    return sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
+
+
+def _scene_known(choice: Choice) -> bool:
+    return any(demonstration.scene is not None for demonstration in choice.demonstrations)
+
+
+def _reason_against(entry: Entry, include_unknown: bool, include_gaps: bool) -> str | None:
+    demonstration = entry.demonstration
+    if entry.excluded:
+        return "it is excluded (`treewright demos restore` takes it back)"
+    if demonstration.outcome != "success" and not include_unknown:
+        return f"its outcome is {demonstration.outcome} (--include-unknown learns from it)"
+    if demonstration.gaps and not include_gaps:
+        return f"messages were lost near an action (--include-gaps learns from it): {demonstration.gaps[0]}"
+    return None
+
+
+def _nothing_shown(lake: Lake, task: str) -> str:
+    tasks = sorted({demonstration.task for demonstration in lake.demonstrations(include_excluded=True)})
+    shown = f"there are demonstrations of {', '.join(tasks)}" if tasks else "the lake is empty: ingest recordings first"
+    return f"no demonstration of the task {task}; {shown}"
+
+
+def _listing(left_out: Mapping[str, str]) -> str:
+    """The first few reasons, as one sentence."""
+    shown = [f"{name}: {reason}" for name, reason in list(left_out.items())[:3]]
+    more = f"; and {len(left_out) - 3} more" if len(left_out) > 3 else ""
+    return "; ".join(shown) + more

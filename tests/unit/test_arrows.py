@@ -1,0 +1,97 @@
+"""Which way imports point: pipelines to recorder and storage, those to the learner, the learner to nobody."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("learner", "recorder", "storage", "pipelines")
+MAY_IMPORT = {
+    "learner": {"learner"},
+    "recorder": {"recorder", "learner"},
+    "storage": {"storage", "learner"},
+    "pipelines": set(PACKAGES),
+}
+HOMES = {"pybullet": "learner/simulation/", "pybullet_data": "learner/simulation/", "prefect": "pipelines/flows/"}
+IO = {"zenoh", "mcap", "pyarrow", "deltalake", "sqlalchemy", "fastapi", "uvicorn", "prefect", "socket", "requests"}
+
+
+def modules(package: str) -> Iterator[Path]:
+    yield from sorted((ROOT / package).rglob("*.py"))
+
+
+def imported(file: Path) -> set[str]:
+    """Every module that a file imports, wherever in it."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file} imports relatively"
+            names.add(str(node.module))
+    return names
+
+
+def tops(file: Path) -> set[str]:
+    return {name.partition(".")[0] for name in imported(file)}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_imports_point_to_the_learner(package: str) -> None:
+    forbidden = set(PACKAGES) - MAY_IMPORT[package]
+    assert {str(file): found for file in modules(package) if (found := tops(file) & forbidden)} == {}
+
+
+def test_the_learner_does_no_input_or_output() -> None:
+    assert {str(file): found for file in modules("learner") if (found := tops(file) & IO)} == {}
+
+
+def test_the_words_need_numpy_and_the_standard_library_alone() -> None:
+    allowed = {"numpy", "learner", *sys.stdlib_module_names}
+    inner = {name for file in modules("learner/model") for name in imported(file) if name.startswith("learner")}
+    assert {str(file): found for file in modules("learner/model") if (found := tops(file) - allowed)} == {}
+    assert {name for name in inner if not name.startswith(("learner.model", "learner.errors"))} == set()
+
+
+@pytest.mark.parametrize("library", HOMES)
+def test_a_library_with_one_home_is_imported_nowhere_else(library: str) -> None:
+    importers = {file.relative_to(ROOT).as_posix() for package in PACKAGES for file in modules(package)
+                 if library in tops(file)}  # fmt: skip
+    assert importers
+    assert {file for file in importers if not file.startswith(HOMES[library])} == set()
+
+
+def loaded_by(statement: str) -> set[str]:
+    """The modules that a fresh interpreter holds after a statement."""
+    script = f"{statement}\nimport sys; print(' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    return {name.partition(".")[0] for name in done.stdout.splitlines()[-1].split()}
+
+
+def test_what_a_controller_imports_of_the_store_is_light() -> None:
+    assert loaded_by("import storage.client").isdisjoint({"sklearn", "pyarrow", "prefect", "pybullet"})
+
+
+def test_help_and_the_frame_of_the_command_line_load_nothing_heavy() -> None:
+    heavy = {"numpy", "sklearn", "scipy", "pyarrow", "prefect", "pybullet", "zenoh", "mcap", "sqlalchemy", "fastapi"}
+    ask = "import contextlib, io\nfrom pipelines.cli import main"
+    show = "with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()): main(['--help'])"
+    assert loaded_by(f"{ask}\n{show}").isdisjoint(heavy)
+
+
+def test_every_command_shows_its_options_without_loading_what_it_needs_to_run() -> None:
+    heavy = {"sklearn", "pyarrow", "prefect", "pybullet", "deltalake", "fastapi"}
+    commands = [file.stem.rstrip("_") for file in modules("pipelines/commands") if file.stem != "__init__"]
+    ask = "import contextlib, io\nfrom pipelines.cli import main"
+    show = (
+        f"for name in {commands}:\n"
+        "  with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()): main([name, '--help'])"
+    )
+    assert commands
+    assert loaded_by(f"{ask}\n{show}").isdisjoint(heavy)
