@@ -364,8 +364,8 @@ class RecordingWriter:
             return
         schema = _schema(topic)
         if schema and schema.id not in self._summary.schemas:
-            self._summary.schemas[schema.id] = schema
             self._record(schema)
+            self._summary.schemas[schema.id] = schema
         described = Channel(
             id=channel,
             topic=topic,
@@ -373,14 +373,14 @@ class RecordingWriter:
             metadata={"zenoh_encoding": encoding},
             schema_id=schema.id if schema else 0,
         )
-        self._summary.channels[channel] = described
         self._record(described)
+        self._summary.channels[channel] = described
 
     def write_batch(self, batch: Batch) -> None:
         """Write a batch of at least one message as one chunk; its channels were told before."""
-        packed = pack_chunk(batch)
-        self._summary.add_chunk(packed, self._offset)
+        packed, offset = pack_chunk(batch), self._offset
         self._write(packed.record + packed.indexes)
+        self._summary.add_chunk(packed, offset)
 
     def sync(self) -> None:
         """Make durable what was written before the call."""
@@ -416,13 +416,20 @@ class RecordingWriter:
         self._write(records.packed(record))
 
     def _write(self, data: bytes) -> None:
+        """Append all of it or, where the disk does not take it, nothing: what came before stays whole."""
+        before, digest = self._offset, self._sha256.copy()
         view = memoryview(data)
-        while view:
-            # A raw stream may take only a part: what it took is in the file, whatever happens next.
-            taken = os.write(self._stream.fileno(), view)
-            self._sha256.update(view[:taken])
-            self._offset += taken
-            view = view[taken:]
+        try:
+            while view:
+                taken = os.write(self._stream.fileno(), view)
+                self._sha256.update(view[:taken])
+                self._offset += taken
+                view = view[taken:]
+        except OSError:
+            self._offset, self._sha256 = before, digest
+            os.ftruncate(self._stream.fileno(), before)
+            os.lseek(self._stream.fileno(), before, os.SEEK_SET)
+            raise
 
     def _forget_cached(self) -> None:
         """So that verification reads what the disk holds, where the system follows the advice."""

@@ -1,0 +1,62 @@
+"""`treewright record`: the recorder daemon of a cell, until SIGINT or SIGTERM."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+from typing import Any
+
+from pipelines.console import Console
+from pipelines.home import Home
+from pipelines.session import add_zenoh_arguments, open_session
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `record`."""
+    parser.add_argument("--cell", required=True, help="the cell to record")
+    parser.add_argument("--pre-roll", type=float, default=2.0, metavar="S", help="poses before a start [s] (default 2)")
+    parser.add_argument("--include", action="append", default=[], metavar="KEY", help="record only such other keys")
+    parser.add_argument("--exclude", action="append", default=[], metavar="KEY", help="do not record such other keys")
+    parser.add_argument("--split-mb", type=float, metavar="MB", help="go on in another file after so much")
+    parser.add_argument("--split-s", type=float, metavar="S", help="go on in another file after so long [s]")
+    parser.add_argument("--buffer-mb", type=float, default=256, metavar="MB", help="memory while the disk is slow")
+    add_zenoh_arguments(parser)
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Serve until told to end; an open recording is then closed durably with outcome `unknown`."""
+    from learner.model import check_name
+    from recorder.daemon import Recorder
+
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    folder = Home.current().recordings / check_name("cell", arguments.cell)
+    with (
+        open_session(arguments) as session,
+        Recorder(session, arguments.cell, folder, _options(arguments), lambda event: _show(console, event)),
+    ):
+        console.emit({"ready": True})
+        console.say(f"recording for the cell {arguments.cell} into {folder}; end with Ctrl-C")
+        ended.wait()
+    return 0
+
+
+def _options(arguments: argparse.Namespace) -> Any:
+    from recorder.daemon import Options
+    from recorder.receiving import Patterns
+
+    return Options(
+        pre_roll_s=arguments.pre_roll,
+        buffer_bytes=int(arguments.buffer_mb * (1 << 20)),
+        split_bytes=None if arguments.split_mb is None else int(arguments.split_mb * (1 << 20)),
+        split_s=arguments.split_s,
+        patterns=Patterns(arguments.include, arguments.exclude),
+    )
+
+
+def _show(console: Console, event: dict[str, Any]) -> None:
+    console.emit(event)
+    details = {name: value for name, value in event.items() if name not in ("stamp_ns", "event")}
+    console.say(f"{event['event']}: " + ", ".join(f"{name} {value}" for name, value in details.items()))

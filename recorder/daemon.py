@@ -1,0 +1,480 @@
+"""The recorder of a cell: one state machine between the network, the open recording and the operator."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import queue
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Literal, Self
+
+import zenoh
+
+from learner.model import check_name
+from recorder import disk
+from recorder.control import Start, parse_outcome, parse_request
+from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderError
+from recorder.feedback import Finding, Plausible, Sightings, judge
+from recorder.receiving import Arrival, Patterns, Receiver
+from recorder.recording import Demonstrated, Finished
+from recorder.writing import Writing
+
+State = Literal["idle", "recording", "paused"]
+MOST_ALARMS: Final = 20
+SETTLE_S: Final = 0.4
+"""Poses that arrive later than the press get so long before the operator is told that one is missing."""
+TICK_S: Final = 0.25
+_Event = Callable[[dict[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a recorder records. Sizes in bytes, times in seconds; None is without limit."""
+
+    pre_roll_s: float = 2.0
+    buffer_bytes: int = 256 << 20
+    split_bytes: int | None = None
+    split_s: float | None = None
+    patterns: Patterns = field(default_factory=Patterns)
+    plausible: Plausible = field(default_factory=Plausible)
+
+
+@dataclass
+class _Open:
+    """The demonstration being recorded: its present part and the finished ones."""
+
+    demonstrated: Demonstrated
+    writing: Writing
+    begun_s: float
+    parts: list[Finished] = field(default_factory=list)
+    durable_before: int = 0
+    """Actions in the parts that are finished."""
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def actions_durable(self) -> int:
+        return self.durable_before + self.writing.actions_durable
+
+
+class Recorder:
+    """Serves one cell on an open session, from entering to leaving its context.
+
+    Leaving closes an open recording durably with outcome `unknown`. `on_event` gets every event that is also
+    published on `recorder/events`.
+
+    Raises SecondRecorderError if the cell has a recorder, DiskError if `folder` cannot be written, NameRefusedError
+    for a bad name of a cell.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        cell: str,
+        folder: Path,
+        options: Options | None = None,
+        on_event: _Event = lambda event: None,
+    ) -> None:
+        self.cell = check_name("cell", cell)
+        self.folder = folder.absolute()
+        self.options = options or Options()
+        self._session, self._on_event = session, on_event
+        self._prefix = f"treewright/{cell}/"
+        self._open: _Open | None = None
+        self._paused = False
+        self._alarms: deque[str] = deque(maxlen=MOST_ALARMS)
+        self._sightings = Sightings("")
+        self._sightings_lock = threading.Lock()
+        self._poses: deque[bytes] = deque(maxlen=4096)
+        self._requests: queue.SimpleQueue[tuple[str, zenoh.Query] | Callable[[], None] | None] = queue.SimpleQueue()
+        self._status_requests: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._stopping = threading.Event()
+        self._rate_bytes_s = 0.0
+        self._receiver = Receiver(
+            self._prefix, self.options.patterns, self.options.pre_roll_s, self._acted, self._poses.append
+        )
+        self._opened = contextlib.ExitStack()
+        self._threads: list[threading.Thread] = []
+
+    # --- opening and closing
+
+    def __enter__(self) -> Self:
+        disk.prepare(self.folder)
+        with contextlib.ExitStack() as undo:
+            self._be_alone()
+            self._events = undo.enter_context(self._session.declare_publisher(self._key("events")))
+            undo.enter_context(self._session.liveliness().declare_token(self._key("alive")))
+            undo.enter_context(self._session.declare_subscriber(f"{self._prefix}**", self._receiver.receive))
+            undo.enter_context(self._session.declare_queryable(self._key("*"), self._asked))
+            self._opened = undo.pop_all()
+        self._threads = [
+            threading.Thread(target=run, name=f"recorder-{name}", daemon=True)
+            for name, run in (("control", self._control), ("status", self._answer_status), ("clock", self._clock))
+        ]
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        self._requests.put(None)
+        self._status_requests.put(None)
+        for thread in self._threads:
+            thread.join()
+        try:
+            if self._open:
+                self._stop("unknown")
+        finally:
+            self._opened.close()
+
+    def _key(self, verb: str) -> str:
+        return f"{self._prefix}recorder/{verb}"
+
+    def _be_alone(self) -> None:
+        for reply in self._session.liveliness().get(self._key("alive"), timeout=2.0):
+            if reply.ok is not None:
+                raise SecondRecorderError(self.cell)
+
+    # --- requests
+
+    def _asked(self, query: zenoh.Query) -> None:
+        """Take a request from the receiving thread; never wait there."""
+        verb = str(query.key_expr).removeprefix(self._key(""))
+        if verb == "status":
+            self._status_requests.put(query)
+        else:
+            self._requests.put((verb, query))
+
+    def _control(self) -> None:
+        while (request := self._requests.get()) is not None:
+            if callable(request):
+                self._do(request)
+            else:
+                self._answer(*request)
+
+    def _do(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except (RecorderError, OSError) as error:
+            self._alarm(_sentence(error))
+
+    def _answer_status(self) -> None:
+        while (query := self._status_requests.get()) is not None:
+            self._answer("status", query)
+
+    def _answer(self, verb: str, query: zenoh.Query) -> None:
+        with query:
+            try:
+                request = parse_request(verb, query.payload.to_bytes() if query.payload else b"")
+                reply = self._fulfil(verb, request)
+            except (RecorderError, OSError) as error:
+                query.reply_err(_json({"error": _sentence(error)}), encoding="application/json")
+            except Exception as error:  # noqa: BLE001  # an empty reply would look like no recorder at all
+                sentence = f"a defect of the recorder at the request {verb}: {type(error).__name__}: {error}"
+                self._alarm(sentence)
+                query.reply_err(_json({"error": sentence}), encoding="application/json")
+            else:
+                query.reply(self._key(verb), _json(reply), encoding="application/json")
+
+    def _fulfil(self, verb: str, request: Mapping[str, Any]) -> dict[str, Any]:
+        if verb == "start":
+            return self._start(Start.parse(request))
+        if verb == "stop":
+            outcome = parse_outcome(request)
+            self._needs("stop", self._open is not None)
+            return self._stop(outcome)
+        if verb != "status":
+            {"discard": self._discard, "pause": self._pause, "resume": self._resume, "split": self._split}[verb]()
+        return self.status()
+
+    def _needs(self, verb: str, condition: bool) -> None:
+        if not condition:
+            raise RequestRefusedError(f"cannot {verb}: {self._situation()}")
+
+    def _situation(self) -> str:
+        if self._open is None:
+            return f"nothing is being recorded in {self.cell}; send start first"
+        return f"{self._open.demonstrated.demonstration_id} is {self.state} in {self.cell}"
+
+    # --- the state machine
+
+    @property
+    def state(self) -> State:
+        """What the recorder does now."""
+        if self._open is None:
+            return "idle"
+        return "paused" if self._paused else "recording"
+
+    def status(self) -> dict[str, Any]:
+        """The reply to `status` (CONTRACT, section 1)."""
+        now = self._open
+        with self._receiver.lock:
+            counts = dict(sorted(self._receiver.counts.items())) if now else {}
+            lost = self._receiver.ledger.lost(counts) if now else {}
+            refused = self._receiver.ledger.refusals if now else {}
+        return {
+            "state": self.state,
+            "demonstration_id": now.demonstrated.demonstration_id if now else None,
+            "file": str(now.writing.file) if now else None,
+            "messages": counts,
+            "lost": lost,
+            "overflowed": refused,
+            "actions_durable": now.actions_durable if now else 0,
+            "disk_free_bytes": disk.free_bytes(self.folder),
+            "alarms": list(self._alarms),
+            "unseen": list(self._unseen(now)) if now else [],
+            "part": now.demonstrated.part if now else None,
+        }
+
+    def _unseen(self, now: _Open) -> tuple[str, ...]:
+        self._take_poses()
+        with self._sightings_lock:
+            missing = self._sightings.unseen(now.demonstrated.objects, self.options.plausible)
+        return tuple(name for name in now.demonstrated.objects if name in {*missing, *now.unseen})
+
+    def _start(self, start: Start) -> dict[str, Any]:
+        if self._open is not None:
+            raise RequestRefusedError(f"cannot start: {self._situation()}; stop or discard it first")
+        disk.check_room(self.folder, self._rate_bytes_s)
+        demonstrated = Demonstrated(
+            demonstration_id=_new_id(start.task),
+            task=start.task,
+            user=start.user,
+            cell=self.cell,
+            base_frame=start.base_frame,
+            end_effector_frame=start.end_effector_frame,
+            objects=start.objects,
+            start_ns=time.time_ns(),
+            scene=start.scene,
+        )
+        self._alarms.clear()
+        with self._sightings_lock:
+            if self._sightings.base_frame != start.base_frame:
+                self._sightings = Sightings(start.base_frame)
+        writing = self._writing(demonstrated)
+        self._paused = False
+        now = _Open(demonstrated, writing, time.monotonic())
+        now.demonstrated = replace(demonstrated, start_ns=self._receiver.begin(writing.intake))
+        self._open = now
+        self._tell("start", demonstration_id=demonstrated.demonstration_id, file=str(writing.file))
+        return {"demonstration_id": demonstrated.demonstration_id, "file": str(writing.file)}
+
+    def _writing(self, demonstrated: Demonstrated) -> Writing:
+        part = demonstrated.part or 1
+        name = demonstrated.demonstration_id + (f"-part{part}" if part > 1 else "")
+        return Writing(
+            self.folder / f"{name}.mcap",
+            demonstrated,
+            self._receiver.channel,
+            self.options.buffer_bytes,
+            on_durable=lambda count: self._requests.put(self._say_durable),
+            on_error=lambda error: self._requests.put(lambda: self._end_on_error(error)),
+        )
+
+    def _stop(self, outcome: str, **more: Any) -> dict[str, Any]:
+        now = self._open
+        assert now is not None
+        self._receiver.end()
+        self._open = None
+        now.writing.drain()
+        with self._receiver.lock:
+            for topic, count in now.writing.unwritten.items():
+                self._receiver.ledger.unwritten(topic, count)
+            lost, refused = self._receiver.ledger.close(self._receiver.counts)
+        finished = _finish(now, outcome, lost)
+        reply = {
+            "demonstration_id": now.demonstrated.demonstration_id,
+            "file": str(finished.file),
+            "messages": dict(finished.messages),
+            "lost": lost,
+            "overflowed": refused,
+            "sha256": finished.sha256,
+        }
+        if now.parts:
+            reply["parts"] = [str(part.file) for part in (*now.parts, finished)]
+        self._tell("stop", outcome=outcome, **reply, **more)
+        return reply
+
+    def _discard(self) -> None:
+        self._needs("discard", self._open is not None)
+        now, self._open = self._open, None
+        assert now is not None
+        self._receiver.end()
+        now.writing.discard()
+        for part in now.parts:
+            part.file.unlink(missing_ok=True)
+        with self._receiver.lock:
+            self._receiver.ledger.forget()
+        self._tell("discard", demonstration_id=now.demonstrated.demonstration_id)
+
+    def _pause(self) -> None:
+        self._needs("pause", self.state == "recording")
+        self._receiver.pause()
+        self._paused = True
+        self._tell("pause")
+
+    def _resume(self) -> None:
+        self._needs("resume", self.state == "paused")
+        self._receiver.resume()
+        self._paused = False
+        self._tell("resume")
+
+    def _split(self) -> None:
+        """Go on in another file, between two samples, before the present one is closed."""
+        self._needs("split", self._open is not None)
+        now = self._open
+        assert now is not None
+        before = replace(now, demonstrated=replace(now.demonstrated, part=now.demonstrated.part or 1))
+        part = (now.demonstrated.part or 1) + 1
+        following = replace(now.demonstrated, part=part)
+        writing = self._writing(following)
+        lost = self._receiver.swap(writing.intake)
+        now.demonstrated, now.writing, now.begun_s = following, writing, time.monotonic()
+        finished = _finish(before, "unknown", lost, continued=True)
+        now.durable_before += before.writing.actions_durable
+        now.parts.append(finished)
+        self._tell("split", file=str(finished.file), part=part - 1, next_file=str(writing.file))
+
+    # --- what happens by itself
+
+    def _clock(self) -> None:
+        before, then = 0, time.monotonic()
+        while not self._stopping.wait(TICK_S):
+            received, now_s = self._receiver.received_bytes, time.monotonic()
+            rate = (received - before) / (now_s - then)
+            before, then = received, now_s
+            self._rate_bytes_s += (rate - self._rate_bytes_s) * TICK_S / 5.0
+            self._take_poses()
+            if self._due():
+                self._requests.put(self._split_if_due)
+
+    def _due(self) -> bool:
+        now, options = self._open, self.options
+        if now is None:
+            return False
+        large = options.split_bytes is not None and now.writing.size_bytes >= options.split_bytes
+        return large or (options.split_s is not None and time.monotonic() - now.begun_s >= options.split_s)
+
+    def _split_if_due(self) -> None:
+        if self._due():
+            self._split()
+
+    def _end_on_error(self, error: OSError) -> None:
+        """The disk takes no more: close what is written, and say so."""
+        if self._open is None or self._open.writing.error is None:
+            return
+        identifier = self._open.demonstrated.demonstration_id
+        reason = error.strerror or str(error)
+        self._alarm(f"the recording {identifier} has ended by itself, because the disk fails: {reason}; free it")
+        try:
+            self._stop("unknown", reason=reason)
+        except (OSError, RecorderError) as failure:
+            self._alarm(f"the recording {identifier} could not be closed ({_sentence(failure)}); recover it later")
+
+    def _say_durable(self) -> None:
+        now = self._open
+        if now is not None:
+            self._tell("durable", actions_durable=now.actions_durable)
+
+    def _take_poses(self) -> None:
+        with self._sightings_lock:
+            while self._poses:
+                self._sightings.add(self._poses.popleft())
+
+    def _acted(self, arrival: Arrival) -> None:
+        """An action has arrived (on the receiving thread): judge it elsewhere."""
+        self._requests.put(lambda: self._judge_action(arrival))
+
+    def _judge_action(self, arrival: Arrival) -> None:
+        press = _press(arrival.payload)
+        if press is None:
+            self._alarm(f"an action that is none was published: {arrival.payload[:80]!r}; it needs stamp_ns and type")
+            return
+        if not arrival.recorded or self._open is None:
+            self._alarm(f"the action {press['type']} is not recorded: {self._situation()}")
+            self._tell("action", type=press["type"], recorded=False)
+            return
+        finding = self._finding(self._open.demonstrated, press["stamp_ns"])
+        if finding.sentences:
+            timer = threading.Timer(SETTLE_S, lambda: self._requests.put(lambda: self._report(press)))
+            timer.daemon = True
+            timer.start()
+        else:
+            self._report(press)
+
+    def _finding(self, demonstrated: Demonstrated, stamp_ns: int) -> Finding:
+        self._take_poses()
+        with self._sightings_lock:
+            return judge(
+                self._sightings,
+                demonstrated.end_effector_frame,
+                demonstrated.objects,
+                stamp_ns,
+                self.options.plausible,
+            )
+
+    def _report(self, press: Mapping[str, Any]) -> None:
+        now = self._open
+        if now is None:
+            return
+        finding = self._finding(now.demonstrated, press["stamp_ns"])
+        now.unseen = finding.unseen
+        self._tell(
+            "action",
+            type=press["type"],
+            object=press.get("object"),
+            action_stamp_ns=press["stamp_ns"],
+            recorded=True,
+            unseen=list(finding.unseen),
+            findings=list(finding.sentences),
+        )
+        for sentence in finding.sentences:
+            self._alarm(f"at the action {press['type']}: {sentence}")
+
+    def _alarm(self, sentence: str) -> None:
+        self._alarms.append(sentence)
+        self._tell("alarm", alarm=sentence)
+
+    def _tell(self, event: str, **more: Any) -> None:
+        told = {"stamp_ns": time.time_ns(), "event": event, **more}
+        self._events.put(_json(told), encoding="application/json")
+        self._on_event(told)
+
+
+def _finish(now: _Open, outcome: str, lost: Mapping[str, int | None], continued: bool = False) -> Finished:
+    """Close a part, its losses written in it."""
+    now.writing.drain()
+    return now.writing.finish(replace(now.demonstrated, outcome=outcome, messages_lost=lost, continued=continued))
+
+
+def _press(payload: bytes) -> dict[str, Any] | None:
+    try:
+        press = json.loads(payload)
+    except (ValueError, RecursionError):
+        return None
+    whole = isinstance(press, dict) and type(press.get("stamp_ns")) is int and isinstance(press.get("type"), str)
+    return press if whole else None
+
+
+def _new_id(task: str) -> str:
+    """Tells a person what and when, and never repeats; a name of the contract."""
+    return f"{task[:32]}-{datetime.now(UTC):%Y%m%dT%H%M%S}-{secrets.token_hex(4)}"
+
+
+def _json(document: Mapping[str, Any]) -> bytes:
+    return json.dumps(document, sort_keys=True).encode()
+
+
+def _sentence(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"the disk refuses {error.filename or 'the recording'}: {error.strerror}"
+    return str(error) or type(error).__name__

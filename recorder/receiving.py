@@ -1,0 +1,218 @@
+"""From Zenoh to the open recording: what happens to every sample, on the thread that received it.
+
+Nothing here waits for the disk. A sample is copied, numbered off in the ledger, packed, and left to the writer.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import zenoh
+
+from recorder.chunks import Batch
+from recorder.errors import RecorderError
+from recorder.intake import Intake, PreRoll
+from recorder.ledger import Ledger, Source
+from recorder.recording import ACTION, GRIPPER, NS, POSES
+
+NOT_RECORDED: Final = ("recorder", "skills")
+"""First chunks of the keys that are never recorded (CONTRACT, section 1)."""
+_PUT: Final = zenoh.SampleKind.PUT
+MOST_CHANNELS: Final = 65535
+"""MCAP numbers channels with 16 bits."""
+
+
+@dataclass
+class Route:
+    """What becomes of one key: its topic, and its channels by Zenoh encoding."""
+
+    topic: str
+    recorded: bool
+    channels: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.action = self.topic == ACTION
+        self.poses = self.topic == POSES
+        self.early = self.topic in (POSES, GRIPPER)
+        """Whether it belongs to the pre-roll."""
+        self.essential = self.early or self.action
+
+
+@dataclass(frozen=True)
+class Patterns:
+    """Which topics are recorded: those that a Zenoh key expression includes and none excludes.
+
+    What learning needs, /poses, /gripper and /action, is recorded whatever the patterns say.
+    """
+
+    include: Sequence[str] = ()
+    exclude: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        for pattern in (*self.include, *self.exclude):
+            try:
+                zenoh.KeyExpr(pattern.strip("/"))
+            except zenoh.ZError as error:
+                raise RecorderError(f"{pattern!r} is no pattern of keys; write camera/* or **/image") from error
+
+    def admit(self, topic: str) -> bool:
+        """Whether a topic is recorded."""
+        if topic in (POSES, GRIPPER, ACTION):
+            return True
+        included = not self.include or any(_matches(pattern, topic) for pattern in self.include)
+        return included and not any(_matches(pattern, topic) for pattern in self.exclude)
+
+
+def _matches(pattern: str, topic: str) -> bool:
+    return zenoh.KeyExpr(pattern.strip("/")).includes(topic.strip("/"))
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A sample of interest to others: an action, or poses."""
+
+    log_ns: int
+    payload: bytes
+    recorded: bool
+
+
+class Receiver:
+    """Takes samples from any number of threads. `lock` guards its state and what its owner keeps in step with it."""
+
+    def __init__(
+        self,
+        prefix: str,
+        patterns: Patterns,
+        pre_roll_s: float,
+        on_action: Callable[[Arrival], None],
+        on_poses: Callable[[bytes], None],
+    ) -> None:
+        self.lock = threading.RLock()
+        self.ledger = Ledger()
+        self.received_bytes = 0
+        self.opened_ns = time.time_ns()
+        self.counts: dict[str, int] = {}
+        self._prefix, self._patterns = prefix, patterns
+        self._on_action, self._on_poses = on_action, on_poses
+        self._pre_roll = PreRoll(int(pre_roll_s * NS))
+        self._intake: Intake | None = None
+        self._paused = False
+        self._routes: dict[str, Route] = {}
+        self._channels: list[tuple[str, str]] = [("", "")]
+
+    def channel(self, number: int) -> tuple[str, str]:
+        """The topic and the Zenoh encoding of a channel."""
+        return self._channels[number]
+
+    def begin(self, intake: Intake) -> int:
+        """A recording begins, with the pre-roll; returns its start [ns]."""
+        with self.lock:
+            now_ns = time.time_ns()
+            batch = self._pre_roll.take(now_ns)
+            self.counts = {}
+            self._count(batch)
+            if len(batch):
+                intake.put_first(batch)
+            self.ledger.begin()
+            self._intake, self._paused = intake, False
+        return now_ns
+
+    def swap(self, intake: Intake) -> dict[str, int | None]:
+        """The recording goes on in another part, between two samples; returns what the one before has lost."""
+        with self.lock:
+            lost = self.ledger.split(self.counts)
+            self._intake, self.counts = intake, {}
+        return lost
+
+    def pause(self) -> None:
+        """Samples are not recorded until `resume`."""
+        with self.lock:
+            self._paused = True
+            self.ledger.pause()
+
+    def resume(self) -> None:
+        """Samples are recorded again."""
+        with self.lock:
+            self._paused = False
+            self.ledger.resume()
+
+    def end(self) -> None:
+        """The recording has ended; what comes from now on may be the pre-roll of the next."""
+        with self.lock:
+            self._intake = None
+            self._pre_roll.clear()
+
+    def receive(self, sample: zenoh.Sample) -> None:
+        """Take in a sample, from the network or out of a publisher's cache."""
+        log_ns = time.time_ns()
+        key = str(sample.key_expr)
+        route = self._routes.get(key) or self._route(key)
+        if not route.recorded:
+            return
+        payload = sample.payload.to_bytes()
+        stamp = sample.timestamp
+        publish_ns = log_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos()
+        info = sample.source_info
+        with self.lock:
+            number, source = 0, None
+            if info is None:
+                self.ledger.arrived_unnumbered(route.topic)
+            else:
+                identity, number = info.source_id, info.source_sn
+                source = (identity.zid, identity.eid)
+                if not self.ledger.arrived(route.topic, source, number, log_ns):
+                    return
+            if sample.kind == _PUT:
+                self._keep(route, str(sample.encoding), number, source, log_ns, publish_ns, payload)
+
+    def _keep(
+        self,
+        route: Route,
+        encoding: str,
+        number: int,
+        source: Source | None,
+        log_ns: int,
+        publish_ns: int,
+        payload: bytes,
+    ) -> None:
+        self.received_bytes += len(payload)
+        channel = route.channels.get(encoding) or self._channel(route, encoding)
+        intake = self._intake
+        if intake is None:
+            if route.early and publish_ns >= self.opened_ns:
+                self._pre_roll.add(channel, number, log_ns, publish_ns, payload)
+        elif not self._paused:
+            if channel and intake.add(channel, number, log_ns, publish_ns, payload, route.essential, route.action):
+                self.counts[route.topic] = self.counts.get(route.topic, 0) + 1
+            else:
+                self.ledger.refused(route.topic, source, number, log_ns)
+        if route.poses:
+            self._on_poses(payload)
+        elif route.action and publish_ns >= self.opened_ns:
+            self._on_action(Arrival(log_ns, payload, intake is not None and not self._paused))
+
+    def _count(self, batch: Batch) -> None:
+        for channel in batch.channels:
+            topic = self._channels[channel][0]
+            self.counts[topic] = self.counts.get(topic, 0) + 1
+
+    def _route(self, key: str) -> Route:
+        relative = key.removeprefix(self._prefix)
+        topic = f"/{relative}"
+        own = relative.split("/", 1)[0] in NOT_RECORDED
+        route = Route(topic, not own and "@" not in {chunk[:1] for chunk in relative.split("/")})
+        route.recorded = route.recorded and self._patterns.admit(topic)
+        with self.lock:
+            return self._routes.setdefault(key, route)
+
+    def _channel(self, route: Route, encoding: str) -> int:
+        """The number of a new channel; 0 when there are too many."""
+        if len(self._channels) > MOST_CHANNELS:
+            return 0
+        self._channels.append((route.topic, encoding))
+        route.channels[encoding] = len(self._channels) - 1
+        return len(self._channels) - 1
