@@ -118,8 +118,9 @@ def _element(node: Node, taken: set[str]) -> ET.Element:
 
 
 def _instance_name(node: Node, taken: set[str]) -> str:
-    values = [value for _, value in sorted(node.ports, key=lambda port: (port[0] != "object", port[0]))]
-    words = [str(node.id), *(value.strip("{}") for value in values if isinstance(value, str))]
+    ports = sorted(node.ports, key=lambda port: (port[0] != "object", port[0]))
+    values = [value for _, value in ports if isinstance(value, str) and not REFERENCE.fullmatch(value)]
+    words = [str(node.id), *dict.fromkeys(values)]
     stem = identifier("_".join(words))
     name, count = stem, 1
     while name in taken:

@@ -17,6 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from learner.model import DemonstratedAction, Demonstration, ObjectShape, Pose, Scene
+from learner.model.pose import conjugate, express, multiply
 
 Row = dict[str, Any]
 
@@ -129,13 +130,14 @@ def _frame_rows(demonstration: Demonstration, action: DemonstratedAction) -> lis
     candidates = {frame: index for index, frame in enumerate(action.frames)}
     rest = action.rest or {}
     others = sorted({*action.objects, *action.frames, *rest} - {demonstration.base_frame})
+    end_effectors = _in_frames(action) | {demonstration.base_frame: action.end_effector}
     return [
         shared
         | {
             "frame": frame,
             "candidate": candidates.get(frame),
             "frame_in_base": _pose_data(action.objects.get(frame)),
-            "end_effector_in_frame": _pose_data(_in_frame(action, frame, demonstration.base_frame)),
+            "end_effector_in_frame": _pose_data(end_effectors.get(frame)),
             "rest_in_frame": _pose_data(rest.get(frame)),
             "rest_known": action.rest is not None,
         }
@@ -143,10 +145,15 @@ def _frame_rows(demonstration: Demonstration, action: DemonstratedAction) -> lis
     ]
 
 
-def _in_frame(action: DemonstratedAction, frame: str, base_frame: str) -> Pose | None:
-    if frame == base_frame:
-        return action.end_effector
-    return action.objects[frame].inverse() @ action.end_effector if frame in action.objects else None
+def _in_frames(action: DemonstratedAction) -> dict[str, Pose]:
+    """The end-effector in the frame of each object known at the press."""
+    if not action.objects:
+        return {}
+    positions = np.array([pose.position for pose in action.objects.values()])
+    quaternions = np.array([pose.quaternion_xyzw for pose in action.objects.values()])
+    inside = express(np.array(action.end_effector.position), positions, quaternions)
+    turned = multiply(conjugate(quaternions), np.array(action.end_effector.quaternion_xyzw))
+    return {name: Pose.of(p, q) for name, p, q in zip(action.objects, inside, turned, strict=True)}
 
 
 def _bases(demonstrations: pa.Table) -> Iterable[tuple[tuple[str, str], str]]:

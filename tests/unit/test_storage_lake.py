@@ -79,7 +79,9 @@ def test_the_long_table_holds_what_is_executed_and_achieved_in_every_frame(lake:
     by_frame = {row["frame"]: row for row in rows}
     assert set(by_frame) == {"base", "A", "box"}
     expected = drop.objects["box"].inverse() @ drop.end_effector
-    assert by_frame["box"]["end_effector_in_frame"]["x"] == expected.position[0]
+    executed = [by_frame["box"]["end_effector_in_frame"][name] for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    assert executed == pytest.approx([*expected.position, *expected.quaternion_xyzw])
+    assert by_frame["base"]["end_effector_in_frame"]["x"] == drop.end_effector.position[0]
     assert by_frame["box"]["rest_in_frame"]["y"] == 0.01
     assert [by_frame[frame]["candidate"] for frame in ("base", "A", "box")] == [None, None, 0]
 
