@@ -88,7 +88,8 @@ class Start:
 class Scenario:
     """A task: the objects, the ways in which it is demonstrated, the goals of which one must hold in the end.
 
-    With `any_order`, a demonstrator shuffles the steps. `clear` [m] is kept free between things at the start.
+    With `any_order`, a demonstrator shuffles the steps. `clear` [m] is kept free between things at the start. `least`
+    is the fewest demonstrations from which the task can be learned: three of each way.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Scenario:
     start: Start = Start()
     any_order: bool = False
     clear: float = 0.02
+    least: int = 3
 
     @property
     def placements(self) -> int:
@@ -129,10 +131,16 @@ class Scenario:
         return abs(at.x) < half_x and abs(at.y) < half_y and abs(at.z) < half_z
 
     def draw_start(self, rng: np.random.Generator, script: tuple[Step, ...] | None = None) -> dict[str, Spot]:
-        """Random spots from which the task can be done without meeting anything. Raises RuntimeError if none are."""
+        """Random spots from which the task can be done without meeting anything.
+
+        To demonstrate `script`, nothing that it moves stands at its place already. Raises RuntimeError if no start is
+        found.
+        """
         for _ in range(5000):
             spots = _drawn(self, rng)
-            if spots is not None and all(_possible(self, spots, steps) for steps in self._relevant(script)):
+            if spots is None or not all(_possible(self, spots, steps) for steps in self._relevant(script)):
+                continue
+            if script is None or not any(_stands_there(spots, step) for step in _first_steps(script)):
                 return spots
         raise RuntimeError(f"no start was found for {self.name}; its objects do not fit on the table")
 
@@ -140,6 +148,8 @@ class Scenario:
         return (script,) if script else self.scripts
 
 
+WORTH_MOVING_M = 0.12
+"""Nobody demonstrates a placement by moving something less far than this [m]."""
 ORIGIN = Spot(0.0, 0.0, 0.0, 0.0)
 
 
@@ -192,6 +202,15 @@ def _outside(scenario: Scenario, spots: Mapping[str, Spot], a: str, b: str) -> f
     x, y = spots[b].within(spots[a].x, spots[a].y)
     half_x, half_y = (size / 2 for size in scenario.objects[b].shape.size_m[:2])
     return math.hypot(max(abs(x) - half_x, 0.0), max(abs(y) - half_y, 0.0)) - scenario.objects[a].radius
+
+
+def _first_steps(script: tuple[Step, ...]) -> tuple[Step, ...]:
+    return tuple({step.object: step for step in reversed(script)}.values())
+
+
+def _stands_there(spots: Mapping[str, Spot], step: Step) -> bool:
+    there = spots.get(step.frame, ORIGIN).compose(Spot(*step.at, 0.0))
+    return math.hypot(spots[step.object].x - there.x, spots[step.object].y - there.y) < WORTH_MOVING_M
 
 
 def _possible(scenario: Scenario, spots: Mapping[str, Spot], steps: tuple[Step, ...]) -> bool:
@@ -366,6 +385,7 @@ OWN = _listed(
         {**_cubes("ABC"), "box": BOX},
         (HERE, THERE),
         tuple((Rests("A", BASE, way[0].at), *stacked(*"ABC")) for way in (HERE, THERE)),
+        least=6,
     ),
     Scenario(
         "placed_twice",

@@ -1,0 +1,169 @@
+"""The experiments' cells: one set of demonstrations, learned by one method, run many times; kept as JSON.
+
+A cell that is in the folder is not computed again, so an interrupted session goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from learner.errors import LearnerError
+from learner.learning import learn
+from learner.model import Demonstration
+from learner.parameters import Parameters
+
+from .demonstrator import crooked_markers, demonstrated
+from .disturbances import DISTURBANCES, When
+from .runner import run
+from .scenarios import SCENARIOS, Scenario
+from .users import EXPERT, FOURTEEN, REAL, User
+
+KINDS: Final[tuple[tuple[str, When], ...]] = (
+    ("none", "progress"),
+    *((name, "progress") for name in DISTURBANCES),
+    *((name, "after") for name, disturbance in DISTURBANCES.items() if disturbance.after),
+)
+"""What the runs of a cell are disturbed by, in turn."""
+USERS: Final[dict[str, tuple[User, ...]]] = {
+    "expert": (EXPERT,),
+    "real": (REAL,),
+    "pooled": FOURTEEN[:12],
+    "all": FOURTEEN,
+    **{user.name: (user,) for user in FOURTEEN},
+}
+"""Who demonstrates, by the name that a cell has for them."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is computed: `demonstrations` in all, users taking turns (of several users: so many of each)."""
+
+    experiment: str
+    scenario: str
+    method: str
+    users: str
+    demonstrations: int
+    number: int
+    runs: int
+
+    @property
+    def key(self) -> str:
+        return "-".join(str(part) for part in asdict(self).values())
+
+    def demonstrate(self) -> list[Demonstration]:
+        """The cell's set of demonstrations; the same for every method and number of runs."""
+        users = USERS[self.users]
+        scenario = SCENARIOS[self.scenario]
+        return demonstrated(scenario, self.demonstrations, 1000 + self.number, users, each=len(users) > 1)
+
+
+def compute(cell: Cell) -> dict[str, Any]:
+    """Demonstrate, learn, run; a refusal to learn is a result too."""
+    demonstrations = cell.demonstrate()
+    begin = time.perf_counter()
+    try:
+        learned = learn(demonstrations, Parameters(), cell.method)
+    except LearnerError as error:
+        return {**asdict(cell), "refused": str(error), "runs": []}
+    except Exception as error:
+        error.add_note(f"in the experiments' cell {cell.key}")
+        raise
+    seconds = time.perf_counter() - begin
+    scenario, tree = SCENARIOS[cell.scenario], learned.tree
+    return {
+        **asdict(cell),
+        "seconds": round(seconds, 3),
+        "nodes": tree.nodes,
+        "nodes_recovery": tree.nodes_recovery,
+        "nodes_written": tree.nodes_written,
+        "k": scenario.placements,
+        "groups": len(learned.report.get("groups", ())),
+        "frames": _frames(scenario, learned.report),
+        "notes": list(learned.notes),
+        "runs": [asdict(result) for result in _runs(cell, scenario, tree.flattened())],
+    }
+
+
+def _frames(scenario: Scenario, report: dict[str, Any]) -> list[dict[str, Any]]:
+    """For each learned action the frame, how sure the learner is of it, and whether the script names it."""
+    true = {(step.object, step.frame) for script in scenario.scripts for step in script}
+    return [
+        {"object": action["object"], "frame": action["frame"], "certainty": action["certainty"],
+         "right": (action["object"], action["frame"]) in true}
+        for action in report.get("actions", ())
+        if "certainty" in action  # the plain method does not say how sure it is
+    ]  # fmt: skip
+
+
+def _runs(cell: Cell, scenario: Scenario, root: Any) -> Iterator[Any]:
+    (user, *_) = USERS[cell.users]
+    markers = crooked_markers(sorted(scenario.objects), user) if user.crooked_rad else {}
+    for number in range(cell.runs):
+        name, when = KINDS[number % len(KINDS)]
+        seed = 100_000 * (cell.number + 1) + number
+        yield run(root, scenario, seed, DISTURBANCES.get(name), when, markers=markers)
+
+
+def results(cells: Sequence[Cell], folder: Path, jobs: int, progress: bool = True) -> list[dict[str, Any]]:
+    """The results of cells, computed where they are not in the folder yet, `jobs` at a time."""
+    folder.mkdir(parents=True, exist_ok=True)
+    missing = [cell for cell in cells if not _path(folder, cell).exists()]
+    with ProcessPoolExecutor(jobs) as pool:
+        for count, (cell, result) in enumerate(zip(missing, pool.map(compute, missing), strict=True), start=1):
+            _write(_path(folder, cell), result)
+            if progress:
+                print(f"{count}/{len(missing)} {cell.key}", flush=True)
+    return [json.loads(_path(folder, cell).read_text()) for cell in cells]
+
+
+def _path(folder: Path, cell: Cell) -> Path:
+    return folder / f"{cell.key}.json"
+
+
+def _write(path: Path, result: dict[str, Any]) -> None:
+    """Written beside and renamed: a file that exists is whole."""
+    beside = path.with_suffix(".part")
+    beside.write_text(json.dumps(result, separators=(",", ":")))
+    beside.replace(path)
+
+
+def success_cells(
+    scenarios: Iterable[str], methods: Iterable[str], counts: Iterable[int], sets: int, runs: int
+) -> list[Cell]:
+    """Every task learned from sets of demonstrations of several sizes, by an expert and in a real cell."""
+    methods, counts = tuple(methods), tuple(counts)
+    return [
+        Cell("success", name, method, users, max(count, SCENARIOS[name].least), number, runs)
+        for name in scenarios
+        for users in ("expert", "real")
+        for method in methods
+        for count in counts
+        for number in range(sets)
+    ]
+
+
+def user_cells(methods: Iterable[str], sets: int, runs: int) -> list[Cell]:
+    """The fourteen alone, three demonstrations each; the first twelve and all of them pooled."""
+    groups = [*(user.name for user in FOURTEEN), "pooled", "all"]
+    return [
+        Cell("users", "tower_and_box", method, users, 3, number, runs)
+        for users in groups
+        for method in methods
+        for number in range(sets)
+    ]
+
+
+def size_cells(methods: Iterable[str], counts: Iterable[int]) -> list[Cell]:
+    """Kitting from more and more demonstrations: the tree's size and the time to learn it."""
+    return [
+        Cell("size", scenario, method, "expert", count, 0, 0)
+        for scenario in ("kitting4", "kitting6")
+        for method in methods
+        for count in counts
+    ]
