@@ -22,6 +22,7 @@ from learner.errors import ModelError
 from learner.model.pose import Pose
 from learner.model.tree import ACTIONS
 from learner.perception import CellState
+from pipelines.errors import UnreachableError
 
 REPLY_LIMIT_S: Final = 600.0
 """A skill that has not answered after this long [s] never will."""
@@ -136,9 +137,12 @@ class CellLink:
         return bool(status.matching)
 
     def ask(self, skill: str, request: Mapping[str, Any]) -> PendingAnswer:
-        """Send a request to a skill; does not wait."""
+        """Send a request to a skill; does not wait. Raises UnreachableError if there is no network to send it on."""
         payload = json.dumps(request, allow_nan=False)
-        replies = self._queriers[skill].get(payload=payload, encoding="application/json")
+        try:
+            replies = self._queriers[skill].get(payload=payload, encoding="application/json")
+        except zenoh.ZError as error:
+            raise UnreachableError(f"cannot ask cell {self.cell!r} for skills/{skill}: {error}") from error
         return PendingAnswer(f"skills/{skill}", replies)
 
 

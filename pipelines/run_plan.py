@@ -16,6 +16,7 @@ from learner.ticking import Status, Ticker
 from pipelines.cell_link import CellLink
 from pipelines.controller import described
 from pipelines.errors import CellRefusedError, CommandError, UnreachableError
+from pipelines.home import Home
 from pipelines.reference import Reference
 from storage.btcpp import from_xml
 from storage.client import fetch
@@ -29,6 +30,7 @@ STORE_ANSWERS_S: Final = 5.0
 CELL_SHOWS_S: Final = 3.0
 """What a running cell has not shown within this time [s] it does not have."""
 LOOK_AGAIN_S: Final = 0.05
+DATABASE: Final = "store.sqlite"
 
 
 @dataclass(frozen=True)
@@ -129,14 +131,20 @@ def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Eve
 
 
 def from_store(root: Path, url: str | None, reference: Reference) -> Plan:
-    """The tree in the store at `root` (its database at `url`, if not there)."""
+    """The tree in the store in the folder `root`, which may also be the data root that has the store in it.
+
+    Its database is at `url` where `root` has none. Raises CommandError if there is no such store.
+    """
     from storage.artifacts import ArtifactStore  # loads the database's library, which a fetch over Zenoh does not need
 
-    if url is None and not root.exists():
+    inside = Home(root).store
+    folder = inside if inside.is_dir() and not (root / DATABASE).exists() else root
+    own = (folder / DATABASE).exists()
+    if not own and url is None:
         raise CommandError(
-            f"there is no artifact store at {root}; learn {reference.task} first, or name another --store"
+            f"there is no artifact store in {root}; learn {reference.task} first, or name another --store"
         )
-    with ArtifactStore(root, url) as store:
+    with ArtifactStore(folder, None if own else url) as store:
         artifact = store.get(reference.task, reference.alias if reference.version is None else reference.version)
     return Plan.of(reference.task, artifact.tree, artifact.manifest)
 

@@ -8,9 +8,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from pipelines.errors import CommandError
+
 
 class Trace:
-    """The file of one run, open within a `with` block; every line is handed to the system when it is written."""
+    """The file of one run, open within a `with` block; every line is handed to the system when it is written.
+
+    Raises CommandError on entering if the file cannot be made: no run without a trace.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -18,8 +23,11 @@ class Trace:
         """The number of the tick that events belong to; 0 before the first."""
 
     def __enter__(self) -> Self:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = self.path.open("x", encoding="utf-8", buffering=1)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("x", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise CommandError(f"cannot write the trace {self.path}: {error.strerror}") from error
         return self
 
     def __exit__(

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from support_cell import KinematicCell, free_endpoint, session_on
 
-from learner.model.condition import InGripper, ObjectAt
+from learner.model.condition import GripperIs, InGripper, ObjectAt, ObjectRoughlyAt
 from learner.model.pose import Pose
 from learner.model.tree import Definition, Node, Tree, fallback, leaf, sequence
 from storage.artifacts import ArtifactStore
@@ -118,7 +119,7 @@ def test_a_served_tree_is_fetched_and_executed(site: Site) -> None:
     assert site.cell.objects["A"].position == pytest.approx((0.6, 0.3, 0.0), abs=1e-3)
 
 
-@pytest.mark.parametrize("store", [["--store"], ["--store", "store"]])
+@pytest.mark.parametrize("store", [["--store"], ["--store", "store"], ["--store", "."]])
 def test_a_tree_is_read_from_a_store_on_this_machine(site: Site, store: list[str]) -> None:
     code, output, _ = site.run("cube-in-box@1", "--cell", "c1", "--dry-run", *store)
     assert code == 0
@@ -160,13 +161,21 @@ def test_a_watch_tells_of_success_while_it_goes_on(site: Site) -> None:
         (["cube-in-box@0", "--cell", "c1"], "versions are counted from 1"),
         (["../etc", "--cell", "c1"], "task name '../etc' is refused"),
         (["cube-in-box", "--cell", "artifacts"], "cell name 'artifacts' is refused"),
-        (["cube-in-box", "--cell", "c1", "--store", "empty"], "there is no artifact store at empty"),
+        (["cube-in-box", "--cell", "c1", "--store", "empty"], "there is no artifact store in empty"),
     ],
 )
 def test_what_cannot_be_run_is_one_sentence_and_exit_1(site: Site, arguments: list[str], said: str) -> None:
     code, output, errors = site.run(*arguments, "--json")
     assert (code, output) == (1, "")
     assert said in sentence(errors)
+    assert not site.cell.requests
+
+
+def test_no_trace_no_run(site: Site) -> None:
+    (site.home / "traces").write_text("not a folder")
+    code, _, errors = site.run("cube-in-box", "--cell", "c1")
+    assert code == 1
+    assert "cannot write the trace" in sentence(errors)
     assert not site.cell.requests
 
 
@@ -188,3 +197,63 @@ def test_a_network_without_a_store_says_what_to_start(tmp_path: Path) -> None:
         code, _, errors = Site(endpoint, tmp_path, cell).run("cube-in-box", "--cell", "c1")
     assert code == 1
     assert "no artifact store answers" in sentence(errors)
+
+
+SIMULATED = Tree(
+    Definition(
+        "object_in_box",
+        fallback(
+            leaf(ObjectRoughlyAt("A", "box", (0.0, 0.0, 0.0))),
+            sequence(
+                fallback(
+                    leaf(InGripper("A")),
+                    sequence(
+                        fallback(leaf(GripperIs("open")), Node("SetGripper", (("state", "open"),))),
+                        motion("Pick", "A", (0.0, 0.0, 0.0)),
+                    ),
+                ),
+                motion("Drop", "box", (0.0, 0.0, 0.12)),
+            ),
+        ),
+    )
+)
+
+
+@contextmanager
+def simulated_cell(endpoint: str, folder: Path) -> Iterator[None]:
+    options = ["--cell", "s1", "--speed", "6", "--seed", "3", "--listen", endpoint, "--json"]
+    words = [sys.executable, "-m", "pipelines.cli", "sim", *options]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["ready"] is True
+        yield
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=30)
+
+
+def asked(session: zenoh.Session, key: str, **fields: Any) -> dict[str, Any]:
+    (reply,) = session.get(f"treewright/s1/sim/{key}", payload=json.dumps(fields), timeout=20)
+    assert reply.ok is not None
+    answer: dict[str, Any] = json.loads(bytes(reply.ok.payload))
+    return answer
+
+
+def test_the_simulated_cell_is_led_to_its_goal_although_the_cube_is_taken_away_midway(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with ArtifactStore(tmp_path / "store") as store:
+        store.publish("object-in-box", SIMULATED, {"base_frame": "base", "end_effector_frame": "tool0"})
+        store.alias("object-in-box", "latest", 1)
+    with simulated_cell(endpoint, tmp_path), session_on(endpoint, "connect") as session:
+        site = Site(endpoint, tmp_path, None)  # type: ignore[arg-type]  # the cell is another process
+        process = site.command("object-in-box", "--cell", "s1", "--store", "--json", "--timeout", "60")
+        deadline_s = time.monotonic() + 60
+        while asked(session, "truth")["held"] is None:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.05)
+        asked(session, "disturb", take_from_gripper={})
+        output, errors = process.communicate(timeout=90)
+        assert (process.returncode, errors) == (0, "")
+        truth = asked(session, "truth")
+    result = document(output)
+    assert result["actions"] >= 3
+    assert (truth["goal"], truth["held"]) == (True, None)
