@@ -47,7 +47,7 @@ PORT_DOCUMENTATION: Final = {
     "orientation": "quaternion x;y;z;w in frame",
     "radius": "metres",
 }
-MAX_NODES: Final = 100_000
+MAX_NODES: Final = 300_000
 """Far beyond any learned tree; SubTrees of SubTrees can multiply without bound."""
 RESERVED_PORTS: Final = ("name", "ID")
 INSTANCE_NAME: Final = re.compile(r"[A-Za-z0-9_]+", re.ASCII)

@@ -31,11 +31,11 @@ ROW_GAP_PX: Final = 7.0
 COLUMN_GAP_PX: Final = 26.0
 CAPTION_PX: Final = 14.0
 MARGIN_PX: Final = 24.0
-TITLE_PX: Final = 56.0
+TITLE_PX: Final = 72.0
 CONTROL_PX: Final = 44.0
 DECORATOR_PX: Final = 66.0
 PADDING_PX: Final = 9.0
-LEAST_WIDTH_PX: Final = 560.0
+HEADER_PX: Final = 520.0
 WIDE: Final = frozenset("ABCDEFGHJKLMNOPQRSTUVWXYZmw_@%")
 STYLE: Final = """
 text{font-family:Helvetica,Arial,sans-serif;font-size:12.5px;fill:#1d2733}
@@ -97,7 +97,7 @@ def to_svg(tree: Tree) -> str:
     root = _box(tree.main.root, {}, tree)
     bottom = _place(root, MARGIN_PX, MARGIN_PX + TITLE_PX) + MARGIN_PX
     boxes = list(root.walk())
-    width = max(max(box.right for box in boxes) + MARGIN_PX, LEAST_WIDTH_PX)
+    width = max(*(box.right for box in boxes), MARGIN_PX + HEADER_PX, MARGIN_PX + _width(tree.main.id, 18)) + MARGIN_PX
     recovery = f", and {tree.nodes_recovery} that only recover" if tree.nodes_recovery else ""
     title = escape(tree.main.id)
     lines = [
@@ -106,7 +106,8 @@ def to_svg(tree: Tree) -> str:
         f"<title>{title}</title><style>{STYLE}</style>",
         '<rect width="100%" height="100%" fill="#ffffff"/>',
         _text("title", MARGIN_PX, MARGIN_PX + 14, tree.main.id),
-        _text("detail", MARGIN_PX, MARGIN_PX + 32, f"{tree.nodes} nodes{recovery} · {LEGEND}"),
+        _text("detail", MARGIN_PX, MARGIN_PX + 33, f"{tree.nodes} nodes{recovery}"),
+        _text("detail", MARGIN_PX, MARGIN_PX + 49, LEGEND),
         *(_link(box, child) for box in boxes for child in box.children),
         *(_shape(box) for box in boxes),
         "</svg>",
