@@ -29,6 +29,8 @@ UNSEEN_NS: Final = 10_000_000_000
 """A condition on an object unseen for this long fails [ns] (CONTRACT, 3)."""
 MEMORY_NS: Final = 2_000_000_000
 """How far back the end-effector's poses are kept [ns]: cameras stamp their images earlier than they deliver them."""
+FRESH_NS: Final = 500_000_000
+"""A pose of the end-effector this far from a stamp [ns] says nothing about that moment (CONTRACT, 1)."""
 
 CONDITION_TYPES: Final[dict[str, Callable[..., Condition]]] = {
     "GripperIs": GripperIs,
@@ -183,12 +185,14 @@ class CellState:
             self._hand.popleft()
 
     def _hand_at(self, stamp_ns: int) -> Seen | None:
-        """The end-effector's pose nearest in time to a stamp; None before its first."""
+        """The end-effector's pose nearest in time to a stamp; its newest where no pose is near; None before its first."""
         nearest: Seen | None = None
         for seen in reversed(self._hand):
             if nearest and abs(seen.stamp_ns - stamp_ns) > abs(nearest.stamp_ns - stamp_ns):
                 break
             nearest = seen
+        if nearest and abs(nearest.stamp_ns - stamp_ns) > FRESH_NS:
+            return self._hand[-1]
         return nearest
 
     def _nearest(self, hand: Seen | None) -> Grasp | None:

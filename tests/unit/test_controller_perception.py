@@ -109,6 +109,13 @@ def test_an_object_that_only_lagged_behind_is_held_again_where_the_gripper_carri
     assert story.see("A", 0.89).state.held == "A"
 
 
+def test_a_gripper_whose_clock_is_off_closes_on_what_is_at_the_hand_now() -> None:
+    story = Story().wait(10_000 * MS).see("tool", 0.3).wait(1500 * MS).see("tool", 0.8).see("A", 0.8)
+    story.state.update_gripper(1, "open")
+    story.state.update_gripper(2, "closed")
+    assert story.state.held == "A"
+
+
 def test_opening_lets_go_and_closing_again_looks_again() -> None:
     story = grasped().gripper("open")
     assert story.state.holds(InGripper("none"))
