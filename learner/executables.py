@@ -83,7 +83,7 @@ class Executables:
         rests = np.array([pose.position for pose in target.rests])
         sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
         wide = p.least_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
-        apart = 0.48 * self.nearest_m.get(target, np.inf)
+        apart = 0.49 * self.nearest_m.get(target, np.inf)
         return rounded(max(p.least_radius_m, min(p.place_radius_m, wide, apart)))
 
     def _drop_radius(self, target: Target) -> float:
@@ -93,7 +93,7 @@ class Executables:
         sides = sorted(shape.size_m)[1:]
         inside = min(sides) / 2 if min(sides) > 0 else np.inf
         contained = inside if np.linalg.norm(rest) < max(shape.size_m) / 2 else np.inf
-        apart = 0.48 * self.nearest_m.get(target, np.inf) if target.frame != target.object else np.inf
+        apart = 0.49 * self.nearest_m.get(target, np.inf) if target.frame != target.object else np.inf
         return rounded(max(p.least_radius_m, min(p.drop_radius_m, contained, max(apart, p.place_radius_m))))
 
 

@@ -66,10 +66,14 @@ class Recovery:
         """The SubTrees that the nodes given so far use."""
         return list(self._definitions.values())
 
-    def before(self, step: Step) -> Sequence[Node]:
-        """What makes room before a step: its place freed and the object uncovered, and the hand emptied for it."""
+    def before(self, step: Step, settled: frozenset[str]) -> Sequence[Node]:
+        """What makes room before a step: its place freed and the object uncovered, and the hand emptied for it.
+
+        Objects in `settled` are known to lie where they belong: earlier siblings have just checked it.
+        """
         name, place = step.target.object, self.actions.placements[step.target]
-        occupied, covers = self._occupations(step), self._covers_of(name)
+        occupied = [condition for condition in self._occupations(step) if condition.object not in settled]
+        covers = [cover for cover in self._covers_of(name) if cover.object not in settled]
         if not occupied and not covers:
             return ()
         tree_id = self._unique(f"{RECOVERY_PREFIX}Room_for_{identifier(name)}_at_{identifier(place.frame)}")

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from learner.executables import Executables
 from learner.groups import Group, Step
-from learner.model import Definition, GripperIs, Node, SetGripper, Tree
+from learner.model import Definition, Drop, GripperIs, InGripper, Node, Place, SetGripper, Tree
 from learner.model.tree import Value, fallback, is_recovery, leaf, sequence, subtree
 from learner.recovery import Recovery
 
@@ -40,18 +40,18 @@ class _Builder:
     def root(self) -> Node:
         first, alike = self.groups[0], len({group.held for group in self.groups}) == 1
         if len(self.groups) == 1:
-            return sequence(*self._steps(first.steps), *self._held(first))
+            return sequence(*self._steps(first.steps, ()), *self._held(first))
         lists = [group.steps for group in self.groups]
         begin = _common(lists) if alike else 0
         end = _common([steps[begin:][::-1] for steps in lists]) if alike else 0
         middles = [steps[begin : len(steps) - end] for steps in lists]
-        choice = self._choice(middles)
+        choice = self._choice(middles, first.steps[:begin])
         if not begin and not end and not self._held(first):
             return choice
-        after = first.steps[len(first.steps) - end :]
-        return sequence(*self._steps(first.steps[:begin]), choice, *self._steps(after), *self._held(first))
+        before, after = first.steps[:begin], first.steps[len(first.steps) - end :]
+        return sequence(*self._steps(before, ()), choice, *self._steps(after, before), *self._held(first))
 
-    def _choice(self, middles: Sequence[Sequence[Step]]) -> Node:
+    def _choice(self, middles: Sequence[Sequence[Step]], done: Sequence[Step]) -> Node:
         """One of several ways: a finished one is left alone, else the first that does not fail is pursued.
 
         The Fallback over the ways has memory, so that one way is not given up for another while it runs. Ways of
@@ -60,9 +60,9 @@ class _Builder:
         if all(len(middle) == 1 for middle in middles):
             steps = [middle[0] for middle in middles]
             tests = [self._condition(step) for step in steps]
-            return fallback(*tests, fallback(*(self._chain(step) for step in steps), reactive=False))
+            return fallback(*tests, fallback(*(self._chain(step, done) for step in steps), reactive=False))
         tests = [self._test(middle) for middle in middles[1:]]
-        ways = [sequence(*self._steps(middle)) for middle in middles]
+        ways = [sequence(*self._steps(middle, done)) for middle in middles]
         pursued = ways[:1]
         for way in ways[1:]:
             longer = fallback(*tests, fallback(*pursued, way, reactive=False))
@@ -88,17 +88,25 @@ class _Builder:
     def _held(self, group: Group) -> list[Node]:
         return [hold(group.held, self.actions)] if group.held else []
 
-    def _steps(self, steps: Sequence[Step]) -> list[Node]:
-        return [fallback(self._condition(step), self._chain(step)) for step in steps]
+    def _steps(self, steps: Sequence[Step], done: Sequence[Step]) -> list[Node]:
+        """Steps in a row; `done` are those that earlier siblings have just checked."""
+        return [
+            fallback(self._condition(step), self._chain(step, (*done, *steps[:place])))
+            for place, step in enumerate(steps)
+        ]
 
     def _condition(self, step: Step) -> Node:
-        return leaf(self.actions.placements[step.target].achieves)
+        return leaf(self._placement(step).achieves)
 
-    def _chain(self, step: Step) -> Node:
+    def _chain(self, step: Step, done: Sequence[Step]) -> Node:
         """The guards, room made, the object in hand, and the placement."""
-        guards = self._steps(step.guards)
-        placement = self.actions.placements[step.target]
-        return sequence(*guards, *self.recovery.before(step), hold(step.target.object, self.actions), leaf(placement))
+        guards = self._steps(step.guards, done)
+        settled = frozenset(other.target.object for other in (*done, *step.guards)) - {step.target.object}
+        room = self.recovery.before(step, settled)
+        return sequence(*guards, *room, hold(step.target.object, self.actions), leaf(self._placement(step)))
+
+    def _placement(self, step: Step) -> Place | Drop:
+        return self.actions.placements[step.target]
 
 
 def _common(lists: Sequence[Sequence[Step]]) -> int:
