@@ -185,7 +185,7 @@ class CellState:
             self._hand.popleft()
 
     def _hand_at(self, stamp_ns: int) -> Seen | None:
-        """The end-effector's pose nearest in time to a stamp; its newest where no pose is near; None before its first."""
+        """The end-effector's pose nearest in time to a stamp, its newest where none is near; None before its first."""
         nearest: Seen | None = None
         for seen in reversed(self._hand):
             if nearest and abs(seen.stamp_ns - stamp_ns) > abs(nearest.stamp_ns - stamp_ns):

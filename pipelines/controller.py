@@ -36,6 +36,8 @@ STUCK_S: Final = 3.0
 """A tree that fails for this long [s] without trying an action has nothing left to try."""
 FAILURES_IN_A_ROW: Final = 10
 """So many failed motions without one that succeeds end the run: the cell cannot do what the tree asks for."""
+RETRY_S: Final = 0.3
+"""After a failed action the next one waits this long [s]: what fails at once is not asked for at every tick."""
 SEEN_AFTER_S: Final = 0.5
 """An action ends for the tree when the cell was seen after it, at the latest after this long [s]."""
 CANCEL_AGAIN_S: Final = 0.2
@@ -105,6 +107,7 @@ class CellLeaves:
         self._moving: Execution | None = None
         self._cancellation: PendingAnswer | None = None
         """The last cancellation: its reply is not waited for, but Zenoh complains if nobody is there to take it."""
+        self._failed_s = float("-inf")
         self.actions = 0
         self.failures_in_a_row = 0
         self.last_failure = ""
@@ -127,7 +130,7 @@ class CellLeaves:
     def tick_action(self, node: Node) -> Status:
         self.touched = True
         execution = self._active.get(id(node)) or self._active.setdefault(id(node), Execution(node))
-        if execution.pending is None and self._moving is None:
+        if execution.pending is None and self._moving is None and time.monotonic() - self._failed_s > RETRY_S:
             self._ask(execution)
         if execution.answer is None or not self._seen_after(execution):
             return Status.RUNNING
@@ -216,6 +219,7 @@ class CellLeaves:
             self.failures_in_a_row = 0
         elif not succeeded:
             self.failures_in_a_row += 1
+            self._failed_s = time.monotonic()
             self.last_failure = f"{described(execution.node)}: {answer.reason}"
         self._trace.write(
             "end", action=described(execution.node), execution_id=execution.execution_id, status=answer.status
