@@ -15,12 +15,12 @@ from typing import Any, Final
 
 from learner.errors import LearnerError
 from learner.learning import learn
-from learner.model import Demonstration
+from learner.model import Demonstration, Node
 from learner.parameters import Parameters
 
 from .demonstrator import crooked_markers, demonstrated
 from .disturbances import DISTURBANCES, When
-from .runner import run
+from .runner import Result, run
 from .scenarios import SCENARIOS, Scenario
 from .users import EXPERT, FOURTEEN, REAL, User
 
@@ -40,9 +40,16 @@ USERS: Final[dict[str, tuple[User, ...]]] = {
 """Who demonstrates, by the name that a cell has for them."""
 
 
+NOMINAL: Final = "treewright without recovery"
+"""Our method's tree without the SubTrees that only recover."""
+
+
 @dataclass(frozen=True)
 class Cell:
-    """What is computed: `demonstrations` in all, users taking turns (of several users: so many of each)."""
+    """What is computed: `demonstrations` in all, users taking turns (of several users: so many of each).
+
+    `method` is one of the learner's, or NOMINAL.
+    """
 
     experiment: str
     scenario: str
@@ -54,7 +61,7 @@ class Cell:
 
     @property
     def key(self) -> str:
-        return "-".join(str(part) for part in asdict(self).values())
+        return "-".join(str(part).replace(" ", "_") for part in asdict(self).values())
 
     def demonstrate(self) -> list[Demonstration]:
         """The cell's set of demonstrations; the same for every method and number of runs."""
@@ -68,7 +75,7 @@ def compute(cell: Cell) -> dict[str, Any]:
     demonstrations = cell.demonstrate()
     begin = time.perf_counter()
     try:
-        learned = learn(demonstrations, Parameters(), cell.method)
+        learned = learn(demonstrations, Parameters(), "treewright" if cell.method == NOMINAL else cell.method)
     except LearnerError as error:
         return {**asdict(cell), "refused": str(error), "runs": []}
     except Exception as error:
@@ -76,17 +83,18 @@ def compute(cell: Cell) -> dict[str, Any]:
         raise
     seconds = time.perf_counter() - begin
     scenario, tree = SCENARIOS[cell.scenario], learned.tree
+    root = tree.flattened(recovery=cell.method != NOMINAL)
     return {
         **asdict(cell),
         "seconds": round(seconds, 3),
         "nodes": tree.nodes,
-        "nodes_recovery": tree.nodes_recovery,
+        "nodes_recovery": root.size - tree.nodes,
         "nodes_written": tree.nodes_written,
         "k": scenario.placements,
         "groups": len(learned.report.get("groups", ())),
         "frames": _frames(scenario, learned.report),
         "notes": list(learned.notes),
-        "runs": [asdict(result) for result in _runs(cell, scenario, tree.flattened())],
+        "runs": [asdict(result) for result in _runs(cell, scenario, root)],
     }
 
 
@@ -101,7 +109,7 @@ def _frames(scenario: Scenario, report: dict[str, Any]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _runs(cell: Cell, scenario: Scenario, root: Any) -> Iterator[Any]:
+def _runs(cell: Cell, scenario: Scenario, root: Node) -> Iterator[Result]:
     (user, *_) = USERS[cell.users]
     markers = crooked_markers(sorted(scenario.objects), user) if user.crooked_rad else {}
     for number in range(cell.runs):
