@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from learner.executables import Executables
 from learner.groups import Group, Step
-from learner.model import Definition, Drop, GripperIs, InGripper, Node, Place, SetGripper, Tree
+from learner.model import Definition, Drop, GripperIs, Node, Place, SetGripper, Tree
 from learner.model.tree import Value, fallback, is_recovery, leaf, sequence, subtree
 from learner.recovery import Recovery
 
