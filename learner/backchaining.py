@@ -82,6 +82,7 @@ class Planner:
     def __init__(self, goals: Sequence[Condition], operators: Iterable[Operator], rollouts: int = 50) -> None:
         self.operators = sorted(operators, key=lambda operator: (operator.cost, repr(operator.action)))
         self.rollouts = rollouts
+        self.goals = frozenset(goals)
         self.root = _Branch(is_sequence=True)
         for goal in goals:
             self.root.add(self._condition(goal))
@@ -91,14 +92,15 @@ class Planner:
     def plan(self) -> Node:
         """The tree. Raises NothingLearnedError if the goal is not reached within the rollouts.
 
-        A rollout starts where nothing has been done yet and ticks until the tree succeeds.
+        A rollout starts where nothing has been done yet and ticks until the tree succeeds and the goal holds: an
+        action within the tick may have undone what stands to its left.
         """
         for _ in range(self.rollouts):
             self.state = INITIAL
             expanded = False
             for _ in range(20 * (1 + self._size())):
                 self.failed = None
-                if self._tick(self.root):
+                if self._tick(self.root) and self.goals <= self.state:
                     break
                 if self.failed is not None and self._expand(self.failed):
                     expanded = True
