@@ -8,7 +8,7 @@ action have memory, so that lifting an object off does not end the action that l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from learner.model import Condition, Definition, Demonstration, InGripper, Node,
 from learner.model.condition import DROP_RADIUS_M, GripperIs, ObjectRoughlyAt
 from learner.model.names import identifier
 from learner.model.pose import Array, conjugate, rotate
-from learner.model.tree import RECOVERY_PREFIX, fallback, leaf, sequence, subtree
+from learner.model.tree import RECOVERY_PREFIX, Value, fallback, leaf, sequence, subtree
 from learner.rounding import rounded_pose, rounded_vector
 from learner.targets import Target
 
@@ -30,8 +30,15 @@ SPOTS = 4
 """So many spots are tried for what is put aside."""
 LEVELS = 3
 """So high a pile is taken down."""
+ON_TABLE_M = 0.015
+"""An object at most this much higher than the lowest of its shape stood on the table."""
+WIDE_M = 0.12
+"""Objects that are wider keep a spot from being free within their reach, not only near their origin."""
 RAISED_M = 0.003
 """What is put aside is let go this much above the table."""
+
+RING, RING_M = 6, 0.16
+"""So many points around a spot, at this distance, are looked at for wide objects."""
 
 PUT_DOWN = f"{RECOVERY_PREFIX}PutDown"
 SPOT_FREE = f"{RECOVERY_PREFIX}SpotIsFree"
@@ -45,6 +52,8 @@ class Cover:
     under: str
     position: tuple[float, float, float]
     radius: float
+    direct: bool = True
+    """Whether nothing lies between."""
 
     @property
     def condition(self) -> ObjectAt:
@@ -73,6 +82,7 @@ class Recovery:
         """
         name, place = step.target.object, self.actions.placements[step.target]
         occupied = [condition for condition in self._occupations(step) if condition.object not in settled]
+        occupied += [cover.condition for cover in self._raised(step) if cover.object not in settled]
         covers = [cover for cover in self._covers_of(name) if cover.object not in settled]
         if not occupied and not covers:
             return ()
@@ -113,7 +123,9 @@ class Recovery:
             return [self._demonstrated_cover(target) for target in self.targets if target.on_top]
         known = [name for name in self.picks if name in scene.objects]
         return [
-            Cover(x, o, rounded_vector(self._up(o) * self._height_above(x, o, level, known)), COVER_RADIUS_M)
+            Cover(
+                x, o, rounded_vector(self._up(o) * self._height_above(x, o, level, known)), COVER_RADIUS_M, level == 0
+            )
             for level in reversed(range(min(LEVELS, len(known) - 1)))
             for o in known
             for x in known
@@ -156,6 +168,19 @@ class Recovery:
             if name not in (step.target.object, place.frame)
         ]
 
+    def _raised(self, step: Step) -> list[Cover]:
+        """What the reference may have been put upon, so that nothing could be placed beside it.
+
+        Only where it stood on the table whenever the operator placed something in its frame.
+        """
+        frame = self.actions.placements[step.target].frame
+        moves = [self.actions.moves[number] for number in step.target.members]
+        heights = [m.release.objects[frame].position[2] for m in moves if m.release and frame in m.release.objects]
+        if frame not in self.picks or not heights or self.actions.scene is None:
+            return []
+        on_table = float(np.median(heights)) < min(self._initial_heights(frame)) + ON_TABLE_M
+        return [cover for cover in self.covers if cover.object == frame and cover.direct] if on_table else []
+
     def _covers_of(self, name: str) -> list[Cover]:
         return [cover for cover in self.covers if cover.under == name and cover.object in self.picks]
 
@@ -172,7 +197,8 @@ class Recovery:
     def _put_down(self) -> Node:
         """The SubTree that empties and opens the gripper: what it holds is set down on the first free spot."""
         if PUT_DOWN not in self._definitions:
-            self._definitions[SPOT_FREE] = Definition(SPOT_FREE, self._spot_is_free(), ("position",))
+            ports = tuple(sorted(self._around(np.zeros(2))))
+            self._definitions[SPOT_FREE] = Definition(SPOT_FREE, self._spot_is_free(), ports)
             spots = [self._put_on(spot) for spot in self._spots()]
             body = fallback(leaf(GripperIs("open")), _first(spots), leaf(SetGripper("open")))
             self._definitions[PUT_DOWN] = Definition(PUT_DOWN, body)
@@ -186,8 +212,20 @@ class Recovery:
             hand = rounded_pose(pose @ self.actions.grasp_of(self.picks[name]))
             place = Place(name, self.base, hand.position, hand.quaternion_xyzw, rounded_vector(pose.position))
             places.append(_then(InGripper(name), leaf(place)))
-        position = rounded_vector((spot[0], spot[1], 0.0))
-        return sequence(subtree(SPOT_FREE, position=position), _first(places), reactive=False)
+        return sequence(subtree(SPOT_FREE, **self._around(spot)), _first(places), reactive=False)
+
+    def _around(self, spot: Array) -> dict[str, Value]:
+        """The ports of SpotIsFree: the spot, and, where wide objects are known, six points around it."""
+        ports: dict[str, Value] = {"position": rounded_vector((spot[0], spot[1], 0.0))}
+        for k in range(RING if self._wide() else 0):
+            angle = 2 * np.pi * k / RING
+            x, y = spot + RING_M * np.array([np.cos(angle), np.sin(angle)])
+            ports[f"position_{k + 1}"] = rounded_vector((x, y, 0.0))
+        return ports
+
+    def _wide(self) -> list[str]:
+        scene = self.actions.scene
+        return [name for name, shape in sorted(scene.objects.items()) if max(shape.size_m) > WIDE_M] if scene else []
 
     def _spots(self) -> list[Array]:
         """Spots (2,) in the base far from one another, where objects have lain and the robot has reached."""
@@ -218,15 +256,15 @@ class Recovery:
         return [d.initial[other].position[2] for d in self.demonstrations for other in alike if other in d.initial]
 
     def _spot_is_free(self) -> Node:
-        """No object is near the spot at the port `position`; wide ones are looked for within their reach."""
+        """No object is near the spot at the port `position`, no wide one near the points around it."""
         names = sorted({name for d in self.demonstrations for name in d.objects})
-        template = ObjectRoughlyAt("x", self.base, (0.0, 0.0, 0.0), DROP_RADIUS_M)
-        ports = dict(leaf(template).ports)
-        checks = [
-            Node("ObjectRoughlyAt", tuple(sorted({**ports, "object": name, "position": "{position}"}.items())))
-            for name in names
-        ]
+        checks = [self._near(name, "position") for name in names]
+        checks += [self._near(name, f"position_{k + 1}") for name in self._wide() for k in range(RING)]
         return sequence(*(Node("Inverter", (), (check,)) for check in checks))
+
+    def _near(self, name: str, port: str) -> Node:
+        template = leaf(ObjectRoughlyAt(name, self.base, (0.0, 0.0, 0.0), DROP_RADIUS_M))
+        return replace(template, ports=tuple(sorted({**dict(template.ports), "position": f"{{{port}}}"}.items())))
 
 
 def _not(condition: Condition) -> Node:
