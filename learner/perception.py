@@ -86,6 +86,7 @@ class CellState:
         self._hand: deque[Seen] = deque()
         self._grasp: Grasp | None = None
         self._grasp_is_due = False
+        self._unjudged: deque[Seen] = deque()
         self._frozen: tuple[GripperState | None, str | None] | None = None
 
     def update_pose(self, child: str, stamp_ns: int, pose: Pose) -> bool:
@@ -98,7 +99,8 @@ class CellState:
         if child == self.end_effector_frame:
             self._remember_hand(seen)
         elif self._grasp and self._grasp.object == child:
-            self._follow(self._grasp, seen)
+            self._unjudged.append(seen)
+        self._follow()
         return True
 
     def update_gripper(self, stamp_ns: int, state: GripperState) -> None:
@@ -106,6 +108,8 @@ class CellState:
         if self.gripper is not None and stamp_ns < self._gripper_ns:
             return
         before, self.gripper, self._gripper_ns = self.gripper, state, stamp_ns
+        if state != before:
+            self._unjudged.clear()
         if state == "open":
             self._grasp, self._grasp_is_due = None, False
         elif before == "open":
@@ -117,7 +121,7 @@ class CellState:
     def held(self) -> str | None:
         """The object in the gripper, whatever is frozen; None for none."""
         if self._grasp_is_due and self._hand:
-            self._grasp, self._grasp_is_due = self._nearest(self._hand[-1]), False
+            self._grasp, self._grasp_is_due = self._nearest(self._hand[-1].pose), False
         return self._grasp.object if self._grasp and not self._grasp.lost else None
 
     def freeze_gripper(self) -> None:
@@ -184,37 +188,61 @@ class CellState:
         while self._hand[0].stamp_ns < seen.stamp_ns - MEMORY_NS:
             self._hand.popleft()
 
-    def _hand_at(self, stamp_ns: int) -> Seen | None:
-        """The end-effector's pose nearest in time to a stamp, its newest where none is near; None before its first."""
-        nearest: Seen | None = None
-        for seen in reversed(self._hand):
-            if nearest and abs(seen.stamp_ns - stamp_ns) > abs(nearest.stamp_ns - stamp_ns):
-                break
-            nearest = seen
-        if nearest and abs(nearest.stamp_ns - stamp_ns) > FRESH_NS:
-            return self._hand[-1]
-        return nearest
+    def _hand_at(self, stamp_ns: int) -> Pose | None:
+        """The end-effector's pose at a stamp, between the two seen around it; None before its first.
 
-    def _nearest(self, hand: Seen | None) -> Grasp | None:
+        Its newest where none was seen near that moment: clocks that disagree.
+        """
+        after: Seen | None = None
+        for before in reversed(self._hand):
+            if before.stamp_ns <= stamp_ns:
+                near = after is not None or stamp_ns - before.stamp_ns <= FRESH_NS
+                return _between(before, after or before, stamp_ns) if near else self._hand[-1].pose
+            after = before
+        if after is None:
+            return None
+        return after.pose if after.stamp_ns - stamp_ns <= FRESH_NS else self._hand[-1].pose
+
+    def _nearest(self, hand: Pose | None) -> Grasp | None:
         if hand is None:
             return None
-        at = hand.pose.position
+        at = hand.position
         objects = [name for name in sorted(self._seen) if name != self.end_effector_frame and not self.unseen(name)]
         distances = {name: math.dist(self._seen[name].pose.position, at) for name in objects}
         nearest = min(objects, key=distances.__getitem__, default=None)
         if nearest is None or distances[nearest] > NEAR_M:
             return None
-        return Grasp(nearest, _inside(hand.pose, self._seen[nearest].pose.position))
+        return Grasp(nearest, _inside(hand, self._seen[nearest].pose.position))
 
-    def _follow(self, grasp: Grasp, seen: Seen) -> None:
+    def _follow(self) -> None:
+        """Judge what was seen of the grasped object, as soon as the hand was seen at that moment or later."""
+        while self._grasp and self._unjudged and self._hand:
+            ahead_ns = self._unjudged[0].stamp_ns - self._hand[-1].stamp_ns
+            if 0 < ahead_ns <= FRESH_NS:
+                return
+            self._judge(self._grasp, self._unjudged.popleft())
+
+    def _judge(self, grasp: Grasp, seen: Seen) -> None:
         hand = self._hand_at(seen.stamp_ns)
-        away = hand is not None and math.dist(_inside(hand.pose, seen.pose.position), grasp.origin) > SLIP_M
+        away = hand is not None and math.dist(_inside(hand, seen.pose.position), grasp.origin) > SLIP_M
         if not away:
             grasp.away_since_ns, grasp.lost = None, False
         elif grasp.away_since_ns is None:
             grasp.away_since_ns = seen.stamp_ns
         else:
             grasp.lost = seen.stamp_ns - grasp.away_since_ns >= SLIP_NS
+
+
+def _between(before: Seen, after: Seen, stamp_ns: int) -> Pose:
+    """The pose on the straight way from one to the other, quaternions as the normalised mean."""
+    if after.stamp_ns == before.stamp_ns:
+        return before.pose
+    share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    a, b = before.pose, after.pose
+    same = 1.0 if sum(p * q for p, q in zip(a.quaternion_xyzw, b.quaternion_xyzw, strict=True)) >= 0 else -1.0
+    position = [p + share * (q - p) for p, q in zip(a.position, b.position, strict=True)]
+    turn = [p + share * (same * q - p) for p, q in zip(a.quaternion_xyzw, b.quaternion_xyzw, strict=True)]
+    return Pose.of(position, turn)
 
 
 def _inside(frame: Pose, point: Vector) -> Vector:

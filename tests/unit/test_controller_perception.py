@@ -106,7 +106,7 @@ def test_an_object_that_only_lagged_behind_is_held_again_where_the_gripper_carri
     for step in range(60):
         story.see("tool", 0.31 + 0.01 * step).see("A", 0.30 + 0.01 * max(0, step - 5))
     assert story.state.held is None
-    assert story.see("A", 0.89).state.held == "A"
+    assert story.see("A", 0.89).see("tool", 0.90).state.held == "A"
 
 
 def test_a_gripper_whose_clock_is_off_closes_on_what_is_at_the_hand_now() -> None:
@@ -114,6 +114,20 @@ def test_a_gripper_whose_clock_is_off_closes_on_what_is_at_the_hand_now() -> Non
     story.state.update_gripper(1, "open")
     story.state.update_gripper(2, "closed")
     assert story.state.held == "A"
+
+
+@pytest.mark.parametrize("hand_first", [True, False])
+@pytest.mark.parametrize("hand_every", [1, 3])
+def test_a_fast_hand_carries_what_it_holds_however_a_message_is_ordered(hand_first: bool, hand_every: int) -> None:
+    story = grasped()
+    for step in range(1, 31):
+        stamp_ns = story.stamp_ns + step * 33 * MS
+        message = {"A": 0.30 + 0.1 * step}
+        if step % hand_every == 0:
+            message = {"tool": 0.31 + 0.1 * step, **message} if hand_first else {**message, "tool": 0.31 + 0.1 * step}
+        for name, x in message.items():
+            story.state.update_pose(name, stamp_ns, Pose((x, 0, 0), UPSIDE_DOWN))
+        assert story.state.held == "A"
 
 
 def test_opening_lets_go_and_closing_again_looks_again() -> None:
