@@ -116,7 +116,7 @@ class Cell:
         while not stop.is_set():
             now_s = time.monotonic()
             # What a busy machine could not simulate is forgotten: the world slows down, it does not jump.
-            owed_s = min(owed_s + (now_s - last_s) * self._speed, BURST_S * self._speed)
+            owed_s = min(owed_s + (now_s - last_s) * self._speed, max(BURST_S * self._speed, PERIOD_S))
             last_s = now_s
             self._serve()
             owed_s = self._live(owed_s, now_s + BURST_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,26 +13,37 @@ from pipelines.errors import CommandError, UnreachableError
 
 
 def ask(session: zenoh.Session, key: str, fields: Mapping[str, Any], timeout_s: float = 10.0) -> dict[str, Any]:
-    """The answer of the queryable at `key`.
+    """The answer of the queryable at `key`, asked once, as soon as it is known on this network.
 
     Raises CommandError with the sentence of an error reply, UnreachableError if nobody answers in time: an empty
     reply never means success (CONTRACT, section 1).
     """
-    replies = session.get(key, payload=json.dumps(fields), encoding="application/json", timeout=timeout_s)
-    refusal = None
-    for reply in replies:
-        if reply.ok is not None:
-            answer: dict[str, Any] = json.loads(reply.ok.payload.to_string())
-            return answer
-        refusal = reply.err.payload.to_string() if reply.err is not None else None
-    if refusal:
-        raise CommandError(_sentence(refusal, key))
-    raise UnreachableError(f"{key} does not answer; is it running, and on this network?")
+    with session.declare_querier(key, timeout=timeout_s, congestion_control=zenoh.CongestionControl.BLOCK) as querier:
+        _await_somebody(querier, time.monotonic() + timeout_s)
+        reply = next(iter(querier.get(payload=json.dumps(fields), encoding="application/json")), None)
+    if reply is None:
+        raise UnreachableError(f"{key} does not answer; is it running, and on this network?")
+    if reply.ok is None:
+        raise _refusal(key, reply.err)
+    answer: dict[str, Any] = json.loads(reply.ok.payload.to_string())
+    return answer
 
 
-def _sentence(payload: str, key: str) -> str:
-    """The sentence of an error reply: ours is {"error": sentence}, Zenoh's own are texts such as 'Timeout'."""
+def _await_somebody(querier: zenoh.Querier, until_s: float) -> None:
+    """A session that was just opened hears of queryables a moment later; a question before that is lost."""
+    while not _is_matched(querier) and time.monotonic() < until_s:
+        time.sleep(0.02)
+
+
+def _is_matched(querier: zenoh.Querier) -> bool:
+    status: Any = querier.matching_status  # its stub says bool, it is a MatchingStatus
+    return bool(status.matching)
+
+
+def _refusal(key: str, error: zenoh.ReplyError | None) -> CommandError:
+    """Ours is {"error": sentence}; Zenoh's own are texts such as 'Timeout'."""
+    text = error.payload.to_string() if error is not None else "nothing"
     try:
-        return str(json.loads(payload)["error"])
+        return CommandError(str(json.loads(text)["error"]))
     except (ValueError, KeyError, TypeError):
-        return f"{key} answers with an error: {payload}"
+        return UnreachableError(f"{key} does not answer: {text}")
