@@ -45,9 +45,19 @@ class Home:
         return self.root / "store"
 
     @property
+    def learned(self) -> Path:
+        """What the scheduled story learned from what, JSON by task."""
+        return self.root / "learned.json"
+
+    @property
     def traces(self) -> Path:
         """What controllers did, one JSON Lines file a run."""
         return self.root / "traces"
+
+    @property
+    def logs(self) -> Path:
+        """What the processes say that `serve` and `demo` start."""
+        return self.root / "logs"
 
     @property
     def prefect(self) -> Path:

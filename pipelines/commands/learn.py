@@ -38,6 +38,9 @@ def _learn(arguments: argparse.Namespace) -> Lesson:
 
     home, method = Home.current(), arguments.method or DEFAULT_METHOD
     if os.environ.get("PREFECT_API_URL"):
+        from pipelines.prefect_server import run_in_this_process
+
+        run_in_this_process()
         from pipelines.flows.learn import learn_flow
 
         return learn_flow(str(home.root), arguments.task, method, arguments.include_unknown, arguments.include_gaps)

@@ -1,0 +1,100 @@
+"""`treewright serve`: the scheduled flows, and the artifact store on Zenoh and HTTP, until SIGINT or SIGTERM.
+
+With --json one object a line: {"ready": true, "http", "prefect"} when all is up, then
+{"stamp_ns", "event", "task", "version", "alias", "digest"} for every change of the store.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import signal
+import threading
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from pipelines.console import Console
+from pipelines.home import Home
+from pipelines.session import add_zenoh_arguments, open_session
+
+if TYPE_CHECKING:
+    from pipelines.serve import Settings
+
+DEFAULT_HTTP: Final = "127.0.0.1:8420"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--http", type=_address, default=_address(DEFAULT_HTTP), metavar="HOST:PORT", help=f"default {DEFAULT_HTTP}"
+    )
+    parser.add_argument(
+        "--prefect-port", type=_port, metavar="PORT", help="of the Prefect server (default 4200, else any free one)"
+    )
+    parser.add_argument(
+        "--period", type=_seconds, default=60.0, metavar="S", help="look for new recordings so often (default 60)"
+    )
+    parser.add_argument("--store-only", action="store_true", help="serve the artifact store, run no flows")
+    add_zenoh_arguments(parser)
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Returns 0 after SIGINT or SIGTERM. Where PREFECT_API_URL is set, that server is used and none is started."""
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # In a thread: the handler interrupts the main thread anywhere, also where that holds the event's lock.
+        signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
+    from pipelines.prefect_server import StoppedError
+    from pipelines.serve import service
+
+    with open_session(arguments) as session:
+        try:
+            with service(Home.current(), session, _settings(arguments), stop) as up:
+                console.emit({"ready": True, "http": up.http, "prefect": up.prefect})
+                console.say(f"serving the artifact store on {up.http}/v1/tasks and over Zenoh")
+                if up.prefect:
+                    console.say(f"running the flows of {up.prefect.removesuffix('/api')}; end with Ctrl-C")
+                up.watch(stop, lambda event: _tell(console, event))
+        except StoppedError:
+            console.say("told to end before everything was up")
+    return 0
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    from pipelines.serve import Settings
+
+    host, port = arguments.http
+    return Settings(
+        host=host,
+        port=port,
+        prefect_port=arguments.prefect_port,
+        prefect_url=os.environ.get("PREFECT_API_URL") or None,
+        period_s=arguments.period,
+        flows=not arguments.store_only,
+    )
+
+
+def _tell(console: Console, event: Mapping[str, Any]) -> None:
+    console.emit(event)
+    name = f"{event['task']}@{event['version']}"
+    console.say(f"published {name}" if event["event"] == "published" else f"{event['alias']} is now {name}")
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, colon, port = text.rpartition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT")
+    return host.strip("[]") or "127.0.0.1", _port(port)
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) < 65536):
+        raise argparse.ArgumentTypeError(f"a port is a number below 65536, not {text!r}")
+    return int(text)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not (math.isfinite(seconds) and seconds >= 1):
+        raise argparse.ArgumentTypeError(f"a period is at least 1 s, not {text!r}")
+    return seconds

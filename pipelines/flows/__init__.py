@@ -1,0 +1,8 @@
+"""The Prefect flows, the only home of Prefect.
+
+    recordings ──▶ ingest ──▶ lake ──▶ learn ──▶ artifact store         story: ingest, then learn what changed
+                     │                   │
+                 quarantine      clusters, groups, tree                 shown as Prefect artifacts
+
+A task is a few lines around a plain function of pipelines.ingest, pipelines.learn or pipelines.story.
+"""

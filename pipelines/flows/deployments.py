@@ -1,0 +1,52 @@
+"""The process that runs the deployed flows: `python -m pipelines.flows.deployments ROOT PERIOD_S`.
+
+The story runs on a schedule; ingest and learn wait to be asked for in Prefect's pages. One run at a time.
+"""
+
+from __future__ import annotations
+
+import sys
+from datetime import timedelta
+from pathlib import Path
+from typing import Any, Final
+
+from prefect import Flow, serve
+from prefect.deployments.runner import RunnerDeployment
+from prefect.types.entrypoint import EntrypointType
+
+from pipelines.flows.ingest import ingest_flow
+from pipelines.flows.learn import learn_flow
+from pipelines.flows.story import story_flow
+
+DEPLOYMENT: Final = "line"
+"""The name of each flow's deployment: `story/line`, `ingest/line`, `learn/line`."""
+POLL_S: Final = 2.0
+
+
+def serve_flows(root: Path, period_s: float) -> None:
+    """Deploy the flows for a data root and run what is scheduled, until SIGINT or SIGTERM."""
+    serve(
+        _deployed(story_flow, root, interval=timedelta(seconds=period_s)),
+        _deployed(ingest_flow, root),
+        _deployed(learn_flow, root),
+        limit=1,
+        print_starting_message=False,
+        query_seconds=POLL_S,
+    )
+
+
+def _deployed(flow: Flow[..., Any], root: Path, **schedule: Any) -> RunnerDeployment:
+    deployment = flow.to_deployment(
+        DEPLOYMENT,
+        parameters={"root": str(root)},
+        paused=False,
+        # By file path Prefect would import a second copy of our classes.
+        entrypoint_type=EntrypointType.MODULE_PATH,
+        **schedule,
+    )
+    assert isinstance(deployment, RunnerDeployment)  # a coroutine only within an event loop
+    return deployment
+
+
+if __name__ == "__main__":
+    serve_flows(Path(sys.argv[1]), float(sys.argv[2]))

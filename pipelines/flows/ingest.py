@@ -1,0 +1,28 @@
+"""The flow that ingests: recordings to the lake or to quarantine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from prefect import flow, task
+
+from pipelines.flows.patience import PATIENT
+from pipelines.flows.shown import show_harvest
+from pipelines.home import Home
+from pipelines.ingest import Harvest, ingest
+from pipelines.stores import open_lake
+
+
+@flow(name="ingest", validate_parameters=False)
+def ingest_flow(root: str, files: Sequence[str] = ()) -> Harvest:
+    """Ingest `files`, or whatever is new below the data root."""
+    harvest = ingest_recordings(root, files)
+    show_harvest(harvest)
+    return harvest
+
+
+@task(name="ingest recordings", **PATIENT)
+def ingest_recordings(root: str, files: Sequence[str]) -> Harvest:
+    home = Home(Path(root))
+    return ingest(home, open_lake(home), [Path(file) for file in files])

@@ -1,0 +1,81 @@
+"""The service side of a shop floor: the scheduled flows, and the artifact store on Zenoh and HTTP."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from pipelines.child import Child
+from pipelines.home import Home
+from pipelines.prefect_server import check_api, flow_runner, prefect_server
+from pipelines.stores import open_store
+from storage.artifacts import ArtifactStore
+from storage.http import StoreOnHttp
+from storage.serving import StoreOnZenoh
+
+if TYPE_CHECKING:
+    import zenoh
+
+POLL_S: Final = 0.25
+Report = Callable[[Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is served where. `prefect_url` reuses a running server; else one is started on `prefect_port`."""
+
+    host: str
+    port: int
+    prefect_port: int | None
+    prefect_url: str | None
+    period_s: float
+    flows: bool = True
+
+
+@contextmanager
+def service(home: Home, session: zenoh.Session, settings: Settings, stop: threading.Event) -> Iterator[Service]:
+    """Everything up; it ends with the block, children first.
+
+    Raises StorageUnavailableError or CommandError for a port in use, UnreachableError for a Prefect server that does
+    not answer, ChildFailedError for one of ours that does not come up, StoppedError if `stop` is set meanwhile.
+    """
+    with ExitStack() as stack:
+        store = stack.enter_context(open_store(home))
+        # The store first: it is quick, and what cannot be served is said before anything is started.
+        http = stack.enter_context(StoreOnHttp(store, settings.host, settings.port))
+        stack.enter_context(StoreOnZenoh(session, store))
+        children, prefect = _flows(stack, home, settings, stop) if settings.flows else ([], None)
+        yield Service(store, http.url, prefect, children)
+
+
+def _flows(stack: ExitStack, home: Home, settings: Settings, stop: threading.Event) -> tuple[list[Child], str]:
+    if settings.prefect_url:
+        check_api(settings.prefect_url)
+        children, url = [], settings.prefect_url
+    else:
+        server, url = stack.enter_context(prefect_server(home, settings.prefect_port, os.environ, stop))
+        children = [server]
+    runner = stack.enter_context(flow_runner(home, url, settings.period_s, os.environ, stop))
+    return [*children, runner], url
+
+
+class Service:
+    """What is up: where the store and Prefect answer, and the processes that must stay alive."""
+
+    def __init__(self, store: ArtifactStore, http: str, prefect: str | None, children: list[Child]) -> None:
+        self.http, self.prefect = http, prefect
+        self._store, self._children = store, children
+
+    def watch(self, stop: threading.Event, report: Report) -> None:
+        """Report every change of the store until `stop` is set. Raises ChildFailedError if a child ends by itself."""
+        told = self._store.last_change()
+        while not stop.wait(POLL_S):
+            for child in self._children:
+                child.check()
+            for change in self._store.changes(after=told):
+                report({name: value for name, value in vars(change).items() if name != "serial"})
+                told = change.serial

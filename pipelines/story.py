@@ -1,0 +1,76 @@
+"""What was learned from what, so that the scheduled story learns only what changed since.
+
+`learned.json` in the data root holds, by task, a digest of all that a tree follows from (the demonstrations with a
+person's corrections, and the learner's code) and what came of learning from it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+from dataclasses import asdict, dataclass, replace
+from itertools import groupby
+from typing import Any
+
+from learner.learning import DEFAULT_METHOD
+from pipelines.home import Home
+from pipelines.learn import code_version
+from storage.lake import Entry, Lake
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where a task stands: the `digest` of what its tree follows from, and the `result` of learning from it."""
+
+    digest: str
+    result: str = ""
+
+    def with_result(self, result: str) -> Standing:
+        """The same input with what came of it."""
+        return replace(self, result=result)
+
+
+def changed_tasks(home: Home, lake: Lake) -> dict[str, Standing]:
+    """The tasks of the lake that were not yet learned as they stand now; results are still empty."""
+    entries = sorted(lake.entries(), key=lambda entry: entry.demonstration.task)
+    now = {name: standing_of(list(group)) for name, group in groupby(entries, lambda e: e.demonstration.task)}
+    before = standings(home)
+    return {name: standing for name, standing in now.items() if _digest(before.get(name)) != standing.digest}
+
+
+def standing_of(entries: list[Entry]) -> Standing:
+    """The standing of one task's demonstrations, in whatever order they come."""
+    facts = [sorted(map(_facts, entries)), code_version(), DEFAULT_METHOD]
+    return Standing(hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest())
+
+
+def standings(home: Home) -> dict[str, Standing]:
+    """What was learned so far; nothing where the file is missing or is not ours, for then all is learned again."""
+    try:
+        document = json.loads(home.learned.read_text())
+        return {name: Standing(entry["digest"], entry["result"]) for name, entry in document.items()}
+    except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def remember(home: Home, task: str, standing: Standing) -> None:
+    """Note what came of learning a task: written beside, renamed."""
+    document = {name: asdict(entry) for name, entry in (standings(home) | {task: standing}).items()}
+    beside = home.learned.with_name(f".{home.learned.name}.{secrets.token_hex(4)}.part")
+    home.root.mkdir(parents=True, exist_ok=True)
+    try:
+        beside.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
+        beside.replace(home.learned)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _digest(standing: Standing | None) -> str | None:
+    return standing.digest if standing else None
+
+
+def _facts(entry: Entry) -> list[Any]:
+    demonstration = entry.demonstration
+    types = [action.type for action in demonstration.actions]
+    return [demonstration.demonstration_id, demonstration.sha256, entry.excluded, types]
