@@ -75,15 +75,18 @@ class Recovery:
         """The SubTrees that the nodes given so far use."""
         return list(self._definitions.values())
 
-    def before(self, step: Step, settled: frozenset[str]) -> Sequence[Node]:
+    def before(self, step: Step, done: Sequence[Target]) -> Sequence[Node]:
         """What makes room before a step: its place freed and the object uncovered, and the hand emptied for it.
 
-        Objects in `settled` are known to lie where they belong: earlier siblings have just checked it.
+        The objects of targets in `done` are known to lie where they belong, since earlier siblings have just checked
+        it: they do not occupy the place, and do not cover anything unless what they rest on may itself do so.
         """
         name, place = step.target.object, self.actions.placements[step.target]
+        settled = {target.object for target in done} - {name}
         occupied = [condition for condition in self._occupations(step) if condition.object not in settled]
         occupied += [cover.condition for cover in self._raised(step) if cover.object not in settled]
-        covers = [cover for cover in self._covers_of(name) if cover.object not in settled]
+        grounded = self._grounded(done)
+        covers = [cover for cover in self._covers_of(name) if cover.object not in grounded]
         if not occupied and not covers:
             return ()
         tree_id = self._unique(f"{RECOVERY_PREFIX}Room_for_{identifier(name)}_at_{identifier(place.frame)}")
@@ -97,6 +100,13 @@ class Recovery:
         )
         self._definitions[tree_id] = Definition(tree_id, body)
         return (subtree(tree_id),)
+
+    def _grounded(self, done: Sequence[Target]) -> set[str]:
+        """The objects of targets whose frame cannot be moved by hand, or is grounded itself."""
+        grounded: set[str] = set()
+        for _ in done:
+            grounded |= {t.object for t in done if t.frame not in self.picks or t.frame in grounded}
+        return grounded
 
     def _unique(self, tree_id: str) -> str:
         number, candidate = 1, tree_id

@@ -101,8 +101,7 @@ class _Builder:
     def _chain(self, step: Step, done: Sequence[Step]) -> Node:
         """The guards, room made, the object in hand, and the placement."""
         guards = self._steps(step.guards, done)
-        settled = frozenset(other.target.object for other in (*done, *step.guards)) - {step.target.object}
-        room = self.recovery.before(step, settled)
+        room = self.recovery.before(step, [other.target for other in (*done, *step.guards)])
         return sequence(*guards, *room, hold(step.target.object, self.actions), leaf(self._placement(step)))
 
     def _placement(self, step: Step) -> Place | Drop:
