@@ -415,13 +415,14 @@ class KinematicWorld:
         if self._tilt() > math.radians(40) or self.hand[2] < 0.0:
             met: str | None = "the table"
         else:
-            met = self._met_by_held() or self._met_by_hand()
+            met = self.met_by_held() or self._met_by_hand()
         if met is None:
             return None
         self.faults.contacts += 1
         return f"contact with {met}"
 
-    def _met_by_held(self) -> str | None:
+    def met_by_held(self) -> str | None:
+        """What the held object collides with where it is now, if anything."""
         if not self.held:
             return None
         hull = self.table.footprint(self.held)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ from learner.parameters import Parameters
 from .demonstrator import crooked_markers, demonstrated
 from .disturbances import DISTURBANCES, When
 from .runner import Result, run
-from .scenarios import SCENARIOS, Scenario
+from .scenarios import SCENARIOS, Scenario, Step
 from .users import EXPERT, FOURTEEN, REAL, User
 
 KINDS: Final[tuple[tuple[str, When], ...]] = (
@@ -99,14 +99,39 @@ def compute(cell: Cell) -> dict[str, Any]:
 
 
 def _frames(scenario: Scenario, report: dict[str, Any]) -> list[dict[str, Any]]:
-    """For each learned action the frame, how sure the learner is of it, and whether the script names it."""
-    true = {(step.object, step.frame) for script in scenario.scripts for step in script}
+    """For each learned action the frame, how sure the learner is of it, and whether it is right.
+
+    `right`: a script names this frame. `as_good`: the frame is fixed to that one, because one was placed in the other
+    (or both in a third) before, so that no demonstration of this script tells them apart.
+    """
     return [
         {"object": action["object"], "frame": action["frame"], "certainty": action["certainty"],
-         "right": (action["object"], action["frame"]) in true}
+         "right": any((step.object, step.frame) == (action["object"], action["frame"])
+                      for script in scenario.scripts for step in script),
+         "as_good": any(_as_good(script, action["object"], action["frame"]) for script in scenario.scripts)}
         for action in report.get("actions", ())
         if "certainty" in action  # the plain method does not say how sure it is
     ]  # fmt: skip
+
+
+def _as_good(script: Sequence[Step], name: str, frame: str) -> bool:
+    fixed_to: dict[str, str] = {}
+    for step in script:
+        if step.object == name and _root(fixed_to, step.frame) == _root(fixed_to, frame):
+            return True
+        fixed_to[step.object] = step.frame
+    return False
+
+
+def _root(fixed_to: Mapping[str, str], name: str) -> str:
+    """What something is placed upon in the end; a circle of frames ends at its least name."""
+    seen = [name]
+    while seen[-1] in fixed_to:
+        upper = fixed_to[seen[-1]]
+        if upper in seen:
+            return min(seen[seen.index(upper) :])
+        seen.append(upper)
+    return seen[-1]
 
 
 def _runs(cell: Cell, scenario: Scenario, root: Node) -> Iterator[Result]:

@@ -59,7 +59,7 @@ def demonstrate(scenario: Scenario, rng: np.random.Generator, user: User = EXPER
         script = _script(scenario, user, number, rng)
         hand = _Hand(scenario, user, script, rng)
         hand.do()
-        if user.scripts or scenario.reached(hand.world.table.spots, hand.world.held):
+        if hand.collided is None and (user.scripts or scenario.reached(hand.world.table.spots, hand.world.held)):
             return hand.recording(number)
     raise RuntimeError(f"{user.name} never manages {scenario.name}; look at the scenario's tolerances")
 
@@ -94,6 +94,7 @@ class _Hand:
         self.poses: dict[str, list[tuple[float, float, float, float]]] = {name: [] for name in (TOOL, *spots)}
         self.gripper: list[GripperSample] = []
         self.presses: list[ActionPress] = []
+        self.collided: str | None = None
 
     def do(self) -> None:
         """All of it."""
@@ -145,6 +146,7 @@ class _Hand:
         held = self.world.hand_spot.relative(self.world.spot(step.object))
         turned = replace(target, z=0.0).compose(replace(_inverse(held), z=0.0))
         self._approach(self._missed(replace(turned, z=target.z - held.z), level=step.verb == "place"))
+        self.collided = self.collided or self.world.met_by_held()
         self._press(step.verb, step.object)
         self.world.open()
         self._after()
@@ -153,12 +155,17 @@ class _Hand:
         """Where the object's origin shall be at the release."""
         frame, now = self.world.spot(step.frame), self.world.spot(step.object)
         there = frame.compose(Spot(*step.at, step.yaw or 0.0))
-        yaw = now.yaw if step.yaw is None else there.yaw + self._quarters(step.object)
+        turned = 0.0 if self._gives_directions(step.object) else self._quarters(step.object)
+        yaw = now.yaw if step.yaw is None else there.yaw + turned
         was_place = any(
             step.object == s.object and s.verb == "place" for script in self.scenario.scripts for s in script
         )
         higher = HAND_OVER_BOX_M if step.verb == "drop" and was_place else 0.0
         return replace(there, z=there.z + higher, yaw=yaw)
+
+    def _gives_directions(self, name: str) -> bool:
+        """Whether something is placed beside it, so that its yaw is no matter of taste."""
+        return any(step.frame == name and step.at[:2] != (0.0, 0.0) for step in self.script)
 
     def _missed(self, spot: Spot, level: bool = False) -> Spot:
         """What the hand makes of it; a place ends when the table or what is below is felt."""

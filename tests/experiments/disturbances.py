@@ -197,7 +197,10 @@ DISTURBANCES: Final[Mapping[str, Disturbance]] = {
 
 
 def can_be_done(world: KinematicWorld, scenario: Scenario, beyond: bool) -> bool:
-    """Whether every place of a goal is in reach, and free: of everything, or (`beyond`) of what cannot be moved."""
+    """Whether every place of a goal is in reach, not in the air, and free: of everything, or of what cannot be moved.
+
+    In the air is a place whose reference was put on top of something; no demonstration tells where that belongs.
+    """
     return any(_goal_can_be_done(world, scenario, goal, beyond) for goal in scenario.goals)
 
 
@@ -209,7 +212,7 @@ def _goal_can_be_done(world: KinematicWorld, scenario: Scenario, goal: Goal, bey
         blocking = _occupants(world, scenario, goal, relation)
         if any(not beyond or not world.bodies[name].graspable for name in blocking):
             return False
-        if not beyond and _hangs(world, scenario, goal, relation):
+        if _hangs(world, scenario, goal, relation):
             return False
     return True
 
@@ -222,10 +225,7 @@ def needs_recovery(world: KinematicWorld, scenario: Scenario) -> bool:
 def _goal_needs_recovery(world: KinematicWorld, scenario: Scenario, goal: Goal) -> bool:
     missing = [relation for relation in goal if not scenario.holds(relation, world.table.spots)]
     return any(
-        world.table.covered(relation.object)
-        or _occupants(world, scenario, goal, relation)
-        or _hangs(world, scenario, goal, relation)
-        for relation in missing
+        world.table.covered(relation.object) or _occupants(world, scenario, goal, relation) for relation in missing
     )
 
 

@@ -148,14 +148,16 @@ def size_table(results: Sequence[Result]) -> str:
 def calibration_table(results: Sequence[Result]) -> str:
     """How often the chosen frame is the script's, by how sure the learner was of it."""
     frames = [frame for result in results for frame in result.get("frames", ())]
-    head = ("certainty", "actions", "right", "mean certainty")
+    head = ("certainty", "actions", "right", "right or as good", "mean certainty")
     rows = []
     for low, high in ((0.0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 0.99), (0.99, 1.01)):
         within = [frame for frame in frames if low <= frame["certainty"] < high]
         if within:
             right = sum(frame["right"] for frame in within) / len(within)
             mean = sum(frame["certainty"] for frame in within) / len(within)
-            rows.append((f"{low:g} to {min(high, 1.0):g}", len(within), f"{100 * right:.1f} %", f"{100 * mean:.1f} %"))
+            as_good = sum(frame["right"] or frame["as_good"] for frame in within) / len(within)
+            rows.append((f"{low:g} to {min(high, 1.0):g}", len(within),
+                         *(f"{100 * part:.1f} %" for part in (right, as_good, mean))))  # fmt: skip
     return table(head, rows)
 
 
