@@ -28,9 +28,11 @@ SLIP_NS: Final = 200_000_000
 UNSEEN_NS: Final = 10_000_000_000
 """A condition on an object unseen for this long fails [ns] (CONTRACT, 3)."""
 MEMORY_NS: Final = 2_000_000_000
-"""How far back the end-effector's poses are kept [ns]: cameras stamp their images earlier than they deliver them."""
+"""How far back poses are kept [ns]: cameras stamp their images earlier than they deliver them."""
 FRESH_NS: Final = 500_000_000
 """A pose of the end-effector this far from a stamp [ns] says nothing about that moment (CONTRACT, 1)."""
+FOREVER_NS: Final = -1
+"""The moment of closing of a gripper that has been closed since before anything was heard of it."""
 
 CONDITION_TYPES: Final[dict[str, Callable[..., Condition]]] = {
     "GripperIs": GripperIs,
@@ -66,6 +68,9 @@ class Grasp:
     lost: bool = False
 
 
+NOTHING_SEEN: Final[deque[Seen]] = deque()
+
+
 class CellState:
     """The last seen state of a cell, and which conditions hold in it.
 
@@ -83,9 +88,10 @@ class CellState:
         """The gripper's state as last told, whatever is frozen."""
         self._gripper_ns = 0
         self._seen: dict[str, Seen] = {}
-        self._hand: deque[Seen] = deque()
+        self._tracks: dict[str, deque[Seen]] = {}
         self._grasp: Grasp | None = None
-        self._grasp_is_due = False
+        self._closed_ns: int | None = None
+        """When the gripper closed on something that is not decided yet [ns]."""
         self._unjudged: deque[Seen] = deque()
         self._frozen: tuple[GripperState | None, str | None] | None = None
 
@@ -96,10 +102,10 @@ class CellState:
             return False
         seen = self._seen[child] = Seen(stamp_ns, pose)
         self.now_ns = max(self.now_ns, stamp_ns)
-        if child == self.end_effector_frame:
-            self._remember_hand(seen)
-        elif self._grasp and self._grasp.object == child:
+        self._remember(child, seen)
+        if self._grasp and self._grasp.object == child:
             self._unjudged.append(seen)
+        self._decide_grasp()
         self._follow()
         return True
 
@@ -111,18 +117,18 @@ class CellState:
         if state != before:
             self._unjudged.clear()
         if state == "open":
-            self._grasp, self._grasp_is_due = None, False
-        elif before == "open":
-            self._grasp = self._nearest(self._hand_at(stamp_ns))
-        elif before is None:
-            self._grasp_is_due = True
+            self._grasp, self._closed_ns = None, None
+        elif before != "closed":
+            self._closed_ns = stamp_ns if before == "open" else FOREVER_NS
+            self._decide_grasp()
 
     @property
     def held(self) -> str | None:
         """The object in the gripper, whatever is frozen; None for none."""
-        if self._grasp_is_due and self._hand:
-            self._grasp, self._grasp_is_due = self._nearest(self._hand[-1].pose), False
-        return self._grasp.object if self._grasp and not self._grasp.lost else None
+        if self._closed_ns == FOREVER_NS and self._hand:
+            self._grasp, self._closed_ns = self._nearest(self.now_ns), None
+        grasp = self._grasp if self._closed_ns is None else self._nearest(self._closed_ns)
+        return grasp.object if grasp and not grasp.lost else None
 
     def freeze_gripper(self) -> None:
         """From now on GripperIs and InGripper (and "not held") keep the values of this moment: an action starts."""
@@ -183,48 +189,47 @@ class CellState:
         x, y, z = _rotated(pose.quaternion_xyzw, position)
         return (x + pose.position[0], y + pose.position[1], z + pose.position[2])
 
-    def _remember_hand(self, seen: Seen) -> None:
-        self._hand.append(seen)
-        while self._hand[0].stamp_ns < seen.stamp_ns - MEMORY_NS:
-            self._hand.popleft()
+    @property
+    def _hand(self) -> deque[Seen]:
+        return self._tracks.get(self.end_effector_frame, NOTHING_SEEN)
 
-    def _hand_at(self, stamp_ns: int) -> Pose | None:
-        """The end-effector's pose at a stamp, between the two seen around it; None before its first.
+    def _remember(self, child: str, seen: Seen) -> None:
+        track = self._tracks.setdefault(child, deque())
+        track.append(seen)
+        while track[0].stamp_ns < seen.stamp_ns - MEMORY_NS:
+            track.popleft()
 
-        Its newest where none was seen near that moment: clocks that disagree.
+    def _hand_is_awaited(self, stamp_ns: int) -> bool:
+        """Whether the hand is still to be seen at a moment that was heard of by other ways."""
+        return not self._hand or 0 < stamp_ns - self._hand[-1].stamp_ns <= FRESH_NS
+
+    def _decide_grasp(self) -> None:
+        if self._closed_ns is None or self._closed_ns == FOREVER_NS or self._hand_is_awaited(self._closed_ns):
+            return
+        self._grasp, self._closed_ns = self._nearest(self._closed_ns), None
+
+    def _nearest(self, stamp_ns: int) -> Grasp | None:
+        """What the gripper grasped if it closed at a stamp: judged by the two sightings of the hand around it.
+
+        The nearer one counts: before it the hand may still have been on its way, after it on its way again.
         """
-        after: Seen | None = None
-        for before in reversed(self._hand):
-            if before.stamp_ns <= stamp_ns:
-                near = after is not None or stamp_ns - before.stamp_ns <= FRESH_NS
-                return _between(before, after or before, stamp_ns) if near else self._hand[-1].pose
-            after = before
-        if after is None:
-            return None
-        return after.pose if after.stamp_ns - stamp_ns <= FRESH_NS else self._hand[-1].pose
-
-    def _nearest(self, hand: Pose | None) -> Grasp | None:
-        if hand is None:
-            return None
-        at = hand.position
         objects = [name for name in sorted(self._seen) if name != self.end_effector_frame and not self.unseen(name)]
-        distances = {name: math.dist(self._seen[name].pose.position, at) for name in objects}
-        nearest = min(objects, key=distances.__getitem__, default=None)
-        if nearest is None or distances[nearest] > NEAR_M:
-            return None
-        return Grasp(nearest, _inside(hand, self._seen[nearest].pose.position))
+        grasps = [
+            Grasp(name, _inside(hand.pose, _at(self._tracks[name], hand.stamp_ns).position))
+            for name in objects
+            for hand in _around(self._hand, stamp_ns)
+        ]
+        nearest = min(grasps, key=_reach_m, default=None)
+        return nearest if nearest is not None and _reach_m(nearest) <= NEAR_M else None
 
     def _follow(self) -> None:
         """Judge what was seen of the grasped object, as soon as the hand was seen at that moment or later."""
-        while self._grasp and self._unjudged and self._hand:
-            ahead_ns = self._unjudged[0].stamp_ns - self._hand[-1].stamp_ns
-            if 0 < ahead_ns <= FRESH_NS:
-                return
+        while self._grasp and self._unjudged and not self._hand_is_awaited(self._unjudged[0].stamp_ns):
             self._judge(self._grasp, self._unjudged.popleft())
 
     def _judge(self, grasp: Grasp, seen: Seen) -> None:
-        hand = self._hand_at(seen.stamp_ns)
-        away = hand is not None and math.dist(_inside(hand, seen.pose.position), grasp.origin) > SLIP_M
+        hand = _at(self._hand, seen.stamp_ns)
+        away = math.dist(_inside(hand, seen.pose.position), grasp.origin) > SLIP_M
         if not away:
             grasp.away_since_ns, grasp.lost = None, False
         elif grasp.away_since_ns is None:
@@ -233,10 +238,35 @@ class CellState:
             grasp.lost = seen.stamp_ns - grasp.away_since_ns >= SLIP_NS
 
 
+def _reach_m(grasp: Grasp) -> float:
+    return math.hypot(*grasp.origin)
+
+
+def _around(track: deque[Seen], stamp_ns: int) -> list[Seen]:
+    """The last sighting at or before a stamp and the first after it, as far as there are; none for an empty track.
+
+    Only the last one before, if the next came long after; the newest of all, where none was seen near that moment:
+    clocks that disagree.
+    """
+    after: Seen | None = None
+    for before in reversed(track):
+        if before.stamp_ns <= stamp_ns:
+            apart = after is None or after.stamp_ns - before.stamp_ns > FRESH_NS
+            return [before] if apart or after is None else [before, after]
+        after = before
+    if after is None:
+        return []
+    return [after] if after.stamp_ns - stamp_ns <= FRESH_NS else [track[-1]]
+
+
+def _at(track: deque[Seen], stamp_ns: int) -> Pose:
+    """Where a child was at a stamp: on the way between the two sightings around it. The track is not empty."""
+    around = _around(track, stamp_ns)
+    return _between(around[0], around[1], stamp_ns) if len(around) > 1 else around[0].pose
+
+
 def _between(before: Seen, after: Seen, stamp_ns: int) -> Pose:
     """The pose on the straight way from one to the other, quaternions as the normalised mean."""
-    if after.stamp_ns == before.stamp_ns:
-        return before.pose
     share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     a, b = before.pose, after.pose
     same = 1.0 if sum(p * q for p, q in zip(a.quaternion_xyzw, b.quaternion_xyzw, strict=True)) >= 0 else -1.0

@@ -122,12 +122,28 @@ def test_a_fast_hand_carries_what_it_holds_however_a_message_is_ordered(hand_fir
     story = grasped()
     for step in range(1, 31):
         stamp_ns = story.stamp_ns + step * 33 * MS
-        message = {"A": 0.30 + 0.1 * step}
+        message = {"A": 0.30 + 0.05 * step}
         if step % hand_every == 0:
-            message = {"tool": 0.31 + 0.1 * step, **message} if hand_first else {**message, "tool": 0.31 + 0.1 * step}
+            message = {"tool": 0.31 + 0.05 * step, **message} if hand_first else {**message, "tool": 0.31 + 0.05 * step}
         for name, x in message.items():
             story.state.update_pose(name, stamp_ns, Pose((x, 0, 0), UPSIDE_DOWN))
         assert story.state.held == "A"
+
+
+@pytest.mark.parametrize("poses_first", [True, False])
+def test_a_fast_hand_that_lifts_at_once_has_grasped_what_was_there_when_it_closed(poses_first: bool) -> None:
+    state = CellState("base", "tool")
+    state.update_gripper(1, "open")
+    heights = [0.30, 0.20, 0.10, 0.02, 0.02, 0.12, 0.22, 0.32, 0.42]  # closes at the fourth
+    for index, height in enumerate(heights):
+        if index == 4 and not poses_first:
+            state.update_gripper(4 * 33 * MS - 10 * MS, "closed")
+        carried = max(0.02, height) if index > 3 else 0.02
+        state.update_pose("A", (index + 1) * 33 * MS, Pose((0.3, 0.0, carried), UPSIDE_DOWN))
+        state.update_pose("tool", (index + 1) * 33 * MS, Pose((0.3, 0.0, height), UPSIDE_DOWN))
+        if index == 6 and poses_first:
+            state.update_gripper(5 * 33 * MS - 10 * MS, "closed")
+    assert state.held == "A"
 
 
 def test_opening_lets_go_and_closing_again_looks_again() -> None:
