@@ -169,15 +169,19 @@ def _write(path: Path, result: dict[str, Any]) -> None:
 def success_cells(
     scenarios: Iterable[str], methods: Iterable[str], counts: Iterable[int], sets: int, runs: int
 ) -> list[Cell]:
-    """Every task learned from sets of demonstrations of several sizes, by an expert and in a real cell."""
+    """Every task learned from sets of demonstrations of several sizes, by an expert and in a real cell.
+
+    NOMINAL, which needs no learning of its own, stands for comparison beside the expert's fewest demonstrations only.
+    """
     methods, counts = tuple(methods), tuple(counts)
     return [
-        Cell("success", name, method, users, max(count, SCENARIOS[name].least), number, runs)
+        Cell("success", name, method, users, count, number, runs)
         for name in scenarios
         for users in ("expert", "real")
         for method in methods
-        for count in counts
+        for count in sorted({max(count, SCENARIOS[name].least) for count in counts})
         for number in range(sets)
+        if method != NOMINAL or (users == "expert" and count <= max(min(counts), SCENARIOS[name].least))
     ]
 
 
