@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import json
 import os
+import queue
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Final, Self
+from typing import Any, Final, Self
 
 from pipelines.errors import CommandError
 
@@ -28,9 +31,9 @@ class ChildFailedError(CommandError):
 class Child:
     """A running process while the context is open; leaving it asks the process to end, then insists.
 
-    Standard error goes to `log`, which is appended to; standard output too, or to `output` (a pipe for the reader).
-    The process leads a group of its own, so that a Ctrl-C reaches it through us alone, in our order; if we are killed
-    it is told to end.
+    Standard error goes to `log`, which is appended to; standard output too, unless the process speaks JSON, one object
+    a line, which `hear` gives. The process leads a group of its own, so that a Ctrl-C reaches it through us alone, in
+    our order; if we are killed it is told to end.
     """
 
     def __init__(
@@ -39,10 +42,11 @@ class Child:
         command: Sequence[str],
         environment: Mapping[str, str],
         log: Path,
-        piped: bool = False,
+        speaks_json: bool = False,
     ) -> None:
         self.name, self.log = name, log
-        self._command, self._environment, self._piped = list(command), dict(environment), piped
+        self._command, self._environment, self._speaks_json = list(command), dict(environment), speaks_json
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
 
     def __enter__(self) -> Self:
         self.log.parent.mkdir(parents=True, exist_ok=True)
@@ -51,12 +55,14 @@ class Child:
                 self._command,
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if self._piped else log,
+                stdout=subprocess.PIPE if self._speaks_json else log,
                 stderr=log,
                 text=True,
                 start_new_session=True,
                 preexec_fn=_end_with_parent,  # it calls one function of the C library
             )
+        if self._speaks_json:
+            threading.Thread(target=self._read, name=f"{self.name} speaks", daemon=True).start()
         return self
 
     def __exit__(
@@ -64,11 +70,17 @@ class Child:
     ) -> None:
         self.stop()
 
-    @property
-    def output(self) -> IO[str]:
-        """What the process writes, if it was started `piped`."""
-        assert self._process.stdout is not None
-        return self._process.stdout
+    def hear(self, timeout_s: float) -> dict[str, Any]:
+        """The next object that the process says. Raises ChildFailedError if it ends or is silent for too long."""
+        try:
+            line = self._lines.get(timeout=timeout_s)
+        except queue.Empty as error:
+            raise ChildFailedError(f"the {self.name} said nothing for {timeout_s:g} s; see {self.log}") from error
+        if line is None:
+            self._process.wait()
+            raise ChildFailedError(self._obituary())
+        document: dict[str, Any] = json.loads(line)
+        return document
 
     @property
     def code(self) -> int | None:
@@ -78,7 +90,7 @@ class Child:
     def check(self) -> None:
         """Raises ChildFailedError if the process has ended."""
         if self.code is not None:
-            raise ChildFailedError(f"the {self.name} ended with exit code {self.code}; {self.log} says why")
+            raise ChildFailedError(self._obituary())
 
     def wait(self, timeout_s: float) -> int:
         """Its exit code. Raises ChildFailedError if it does not end in time."""
@@ -97,8 +109,19 @@ class Child:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+
+    def _read(self) -> None:
+        """Take what the process says as it comes, so that it never waits for us; None is its end."""
+        assert self._process.stdout is not None
+        with self._process.stdout as lines:
+            for line in lines:
+                self._lines.put(line)
+        self._lines.put(None)
+
+    def _obituary(self) -> str:
+        words = self.log.read_text(errors="replace").split("\n")
+        last = next((line.strip() for line in reversed(words) if line.strip()), "it said nothing")
+        return f"the {self.name} ended with exit code {self.code}: {last} (see {self.log})"
 
 
 def _end_with_parent() -> None:

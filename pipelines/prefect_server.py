@@ -12,7 +12,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 from pipelines.child import Child, ChildFailedError
 from pipelines.errors import CommandError, UnreachableError
@@ -30,7 +30,10 @@ QUIET: Final = {
 """No telemetry, no question: a cell's network may lead nowhere."""
 SILENT: Final = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
 """For flows in a command's own process: standard error is for one clear line."""
+_OPENER: Final = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+"""A server on this machine is never asked through a proxy."""
 USUAL_PORT: Final = 4200
+FINAL: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
 
 class StoppedError(Exception):
@@ -90,6 +93,23 @@ def answers(url: str) -> bool:
     return _answer(f"{url}/health") is True
 
 
+def run_story(url: str, timeout_s: float) -> None:
+    """Let the server at `url` run the story now, and wait until it is done.
+
+    Raises CommandError with Prefect's words if it does not complete within `timeout_s` [s].
+    """
+    deployment = _ask(f"{url}/deployments/name/story/line")
+    run = _ask(f"{url}/deployments/{deployment['id']}/create_flow_run", {"state": {"type": "SCHEDULED"}})
+    deadline_s = time.monotonic() + timeout_s
+    while run["state_type"] not in FINAL and time.monotonic() < deadline_s:
+        time.sleep(0.5)
+        run = _ask(f"{url}/flow_runs/{run['id']}")
+    if run["state_type"] != "COMPLETED":
+        state = run.get("state") or {}
+        told = state.get("message") or "its log says more"
+        raise CommandError(f"the flow `story` is {run['state_type'].lower()} after {timeout_s:g} s at most: {told}")
+
+
 def run_in_this_process(environment: dict[str, str] | os._Environ[str] = os.environ) -> None:
     """Set up this process for calling a flow: before Prefect is imported, quiet, the server there."""
     check_api(environment["PREFECT_API_URL"])
@@ -109,13 +129,24 @@ def _await(child: Child, stop: threading.Event, ready: Callable[[], bool]) -> No
 
 def _answer(url: str) -> object | None:
     """The JSON at `url`; None where nothing or an error answers."""
-    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
-        with opener.open(url, timeout=5) as response:
+        with _OPENER.open(url, timeout=5) as response:
             document: object = json.loads(response.read())
             return document
     except (urllib.error.URLError, OSError, ValueError):
         return None
+
+
+def _ask(url: str, document: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The object with which Prefect answers a GET, or with `document` a POST. Raises UnreachableError."""
+    data = None if document is None else json.dumps(document).encode()
+    request = urllib.request.Request(url, data, {"Content-Type": "application/json"})
+    try:
+        with _OPENER.open(request, timeout=60) as response:
+            answer: dict[str, Any] = json.loads(response.read())
+            return answer
+    except (urllib.error.URLError, OSError, ValueError) as error:
+        raise UnreachableError(f"the Prefect server does not answer {url}: {error}") from error
 
 
 def _free_port(port: int | None) -> int:
