@@ -20,9 +20,10 @@ import zenoh
 
 from learner.model import check_name
 from recorder import disk
+from recorder.caches import Caches
 from recorder.control import Start, parse_outcome, parse_request
 from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderError
-from recorder.feedback import Finding, Plausible, Sightings, judge
+from recorder.feedback import Finding, Plausible, Sightings, gaps_near_actions, judge
 from recorder.receiving import Arrival, Patterns, Receiver
 from recorder.recording import Demonstrated, Finished
 from recorder.writing import Writing
@@ -32,6 +33,8 @@ MOST_ALARMS: Final = 20
 SETTLE_S: Final = 0.4
 """Poses that arrive later than the press get so long before the operator is told that one is missing."""
 TICK_S: Final = 0.25
+SETTLE_NETWORK_S: Final = 4.0
+"""So long a stop waits for what publishers' caches still have, if anything is missing."""
 _Event = Callable[[dict[str, Any]], None]
 
 
@@ -58,6 +61,8 @@ class _Open:
     durable_before: int = 0
     """Actions in the parts that are finished."""
     unseen: tuple[str, ...] = ()
+    presses: list[tuple[int, str]] = field(default_factory=list)
+    """Stamp [ns] and type of every action."""
 
     @property
     def actions_durable(self) -> int:
@@ -100,6 +105,7 @@ class Recorder:
         self._receiver = Receiver(
             self._prefix, self.options.patterns, self.options.pre_roll_s, self._acted, self._poses.append
         )
+        self._caches = Caches(session, self._prefix, self._receiver)
         self._opened = contextlib.ExitStack()
         self._threads: list[threading.Thread] = []
 
@@ -111,8 +117,12 @@ class Recorder:
             self._be_alone()
             self._events = undo.enter_context(self._session.declare_publisher(self._key("events")))
             undo.enter_context(self._session.liveliness().declare_token(self._key("alive")))
-            undo.enter_context(self._session.declare_subscriber(f"{self._prefix}**", self._receiver.receive))
-            undo.enter_context(self._session.declare_queryable(self._key("*"), self._asked))
+            # On the receiving thread itself, so that a request does not overtake the samples sent before it.
+            receive = zenoh.handlers.Callback(self._receiver.receive, indirect=False)
+            undo.enter_context(self._session.declare_subscriber(f"{self._prefix}**", receive))
+            undo.enter_context(self._caches)
+            asked = zenoh.handlers.Callback(self._asked, indirect=False)
+            undo.enter_context(self._session.declare_queryable(self._key("*"), asked))
             self._opened = undo.pop_all()
         self._threads = [
             threading.Thread(target=run, name=f"recorder-{name}", daemon=True)
@@ -283,14 +293,18 @@ class Recorder:
     def _stop(self, outcome: str, **more: Any) -> dict[str, Any]:
         now = self._open
         assert now is not None
+        self._caches.settle(SETTLE_NETWORK_S)
         self._receiver.end()
         self._open = None
         now.writing.drain()
         with self._receiver.lock:
+            ledger = self._receiver.ledger
             for topic, count in now.writing.unwritten.items():
-                self._receiver.ledger.unwritten(topic, count)
-            lost, refused = self._receiver.ledger.close(self._receiver.counts)
-        finished = _finish(now, outcome, lost)
+                ledger.unwritten(topic, count)
+            lost, losses, refused = ledger.lost(self._receiver.counts), ledger.losses, ledger.refusals
+            ledger.forget()
+        gaps = gaps_near_actions(losses, now.presses)
+        finished = _finish(now, outcome, lost, gaps)
         reply = {
             "demonstration_id": now.demonstrated.demonstration_id,
             "file": str(finished.file),
@@ -298,6 +312,7 @@ class Recorder:
             "lost": lost,
             "overflowed": refused,
             "sha256": finished.sha256,
+            "gaps": list(gaps),
         }
         if now.parts:
             reply["parts"] = [str(part.file) for part in (*now.parts, finished)]
@@ -337,9 +352,9 @@ class Recorder:
         part = (now.demonstrated.part or 1) + 1
         following = replace(now.demonstrated, part=part)
         writing = self._writing(following)
-        lost = self._receiver.swap(writing.intake)
+        lost, losses = self._receiver.swap(writing.intake)
         now.demonstrated, now.writing, now.begun_s = following, writing, time.monotonic()
-        finished = _finish(before, "unknown", lost, continued=True)
+        finished = _finish(before, "unknown", lost, gaps_near_actions(losses, now.presses), continued=True)
         now.durable_before += before.writing.actions_durable
         now.parts.append(finished)
         self._tell("split", file=str(finished.file), part=part - 1, next_file=str(writing.file))
@@ -403,6 +418,7 @@ class Recorder:
             self._alarm(f"the action {press['type']} is not recorded: {self._situation()}")
             self._tell("action", type=press["type"], recorded=False)
             return
+        self._open.presses.append((press["stamp_ns"], press["type"]))
         finding = self._finding(self._open.demonstrated, press["stamp_ns"])
         if finding.sentences:
             timer = threading.Timer(SETTLE_S, lambda: self._requests.put(lambda: self._report(press)))
@@ -450,10 +466,13 @@ class Recorder:
         self._on_event(told)
 
 
-def _finish(now: _Open, outcome: str, lost: Mapping[str, int | None], continued: bool = False) -> Finished:
+def _finish(
+    now: _Open, outcome: str, lost: Mapping[str, int | None], gaps: tuple[str, ...], continued: bool = False
+) -> Finished:
     """Close a part, its losses written in it."""
     now.writing.drain()
-    return now.writing.finish(replace(now.demonstrated, outcome=outcome, messages_lost=lost, continued=continued))
+    described = replace(now.demonstrated, outcome=outcome, messages_lost=lost, gaps=gaps, continued=continued)
+    return now.writing.finish(described)
 
 
 def _press(payload: bytes) -> dict[str, Any] | None:

@@ -16,7 +16,8 @@ from typing import Final
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.message import DecodeError
 
-from recorder.recording import NS
+from recorder.ledger import Loss
+from recorder.recording import ACTION, GRIPPER, NS, POSES
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,28 @@ def judge(
             sentences.append(f"the marker of {name} is hidden: {_age(age)}")
         sentences += _jumps(sightings, name, stamp_ns, plausible)
     return Finding(tuple(unseen), tuple(sentences))
+
+
+BEFORE_NS: Final = 1 * NS
+"""A gap so long before an action may have taken the pose that the action is matched to."""
+AFTER_NS: Final = 2 * NS
+"""A gap so long after an action may have taken the rest pose of what was released."""
+
+
+def gaps_near_actions(losses: Sequence[Loss], presses: Sequence[tuple[int, str]]) -> tuple[str, ...]:
+    """Sentences about losses that may have falsified an action; `presses` are stamps [ns] and types.
+
+    A loss of actions themselves is always one: nobody knows what was pressed.
+    """
+    sentences = [f"{loss.count} messages of {ACTION} were lost" for loss in losses if loss.topic == ACTION]
+    for stamp_ns, kind in presses:
+        near = [loss for loss in losses if loss.topic in (POSES, GRIPPER) and _touches(loss, stamp_ns)]
+        sentences += [f"{loss.count} messages of {loss.topic} were lost near the action {kind}" for loss in near]
+    return tuple(sentences)
+
+
+def _touches(loss: Loss, stamp_ns: int) -> bool:
+    return loss.begin_ns <= stamp_ns + AFTER_NS and loss.end_ns >= stamp_ns - BEFORE_NS
 
 
 def _age(age_s: float | None) -> str:

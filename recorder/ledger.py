@@ -7,61 +7,86 @@ ledger says so (`None`) instead of saying nothing was lost.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Final
 
-Source = Hashable
-"""A publisher: the session it lives in and its number there."""
+Source = tuple[str, int]
+"""A publisher: the id of its session and its number there."""
 _WRAP: Final = 1 << 32
 """Sequence numbers are 32 bits wide and begin anew after the last."""
-_MOST_RANGES: Final = 4096
-"""So many separate gaps of a source are kept apart; the oldest beyond that are counted but can no longer be filled."""
+_MOST_GAPS: Final = 1024
+"""So many separate gaps of a source are kept apart; beyond that the two oldest are told as one."""
 
 
 @dataclass
 class Gap:
-    """Numbers `first` to `last` (both missing) of a source on a topic, noticed at `noticed_ns` (receive time)."""
+    """Numbers `first` to `last` (both missing) of a source, published between two moments [ns].
+
+    `counted` gaps belong to the recording. `hopeless` ones are no longer in the publisher's cache. `extra` corrects
+    the count where gaps were told as one.
+    """
 
     topic: str
     source: Source
     first: int
     last: int
-    noticed_ns: int
+    begin_ns: int
+    end_ns: int
+    counted: bool
     asked: int = 0
-    """How often the publisher's cache was asked for them."""
     hopeless: bool = False
-    """The publisher no longer has them."""
+    extra: int = 0
 
     @property
     def count(self) -> int:
         """How many samples are missing."""
-        return self.last - self.first + 1
+        return self.last - self.first + 1 + self.extra
+
+    def without(self, number: int) -> Iterator[Gap]:
+        """What is left once one number in it has arrived."""
+        for first, last in ((self.first, number - 1), (number + 1, self.last)):
+            if first <= last:
+                yield replace(self, first=first, last=last)
 
 
 @dataclass
 class _Account:
-    """One source: the number it will use next, and what is missing before that."""
+    """One source: the first number heard of, the one it will use next, and what is missing before that."""
 
     topic: str
+    first: int
     next: int
+    seen_ns: int
+    counted: bool
+    """Whether it was first heard of during the present recording."""
     gaps: list[Gap] = field(default_factory=list)
-    settled: int = 0
-    """Missing samples whose gaps are no longer kept apart."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Samples of a topic that were lost for good between two moments [ns]."""
+
+    topic: str
+    count: int
+    begin_ns: int
+    end_ns: int
 
 
 class Ledger:
     """Counts arrivals by source and sequence number over the life of the recorder, losses by recording.
 
-    Not safe for threads: its owner holds a lock.
+    Times are those of publication [ns]. Not safe for threads: its owner holds a lock.
     """
 
     def __init__(self) -> None:
         self._accounts: dict[Source, _Account] = {}
         self._unnumbered: set[str] = set()
-        self._numbered: set[str] = set()
-        self._refused: Counter[str] = Counter()
+        self._refused: list[Loss] = []
+        self._unwritten: Counter[str] = Counter()
         self._counting = False
+
+    # --- the recording
 
     def begin(self) -> None:
         """A recording begins: what was missing before does not concern it."""
@@ -77,41 +102,89 @@ class Ledger:
         self._counting = True
 
     def forget(self) -> None:
-        """No recording: arrivals go on being followed, losses are not kept."""
+        """No recording: arrivals go on being followed, and late ones let in, but nothing counts as lost."""
         self._counting = False
         self._unnumbered.clear()
-        self._numbered.clear()
         self._refused.clear()
+        self._unwritten.clear()
         for account in self._accounts.values():
-            account.gaps.clear()
-            account.settled = 0
+            account.counted = False
+            account.gaps[:] = [replace(gap, counted=False) for gap in account.gaps if not gap.hopeless]
 
-    def arrived(self, topic: str, source: Source, number: int, now_ns: int) -> bool:
+    def split(self, topics: Iterable[str]) -> tuple[dict[str, int | None], list[Loss]]:
+        """The losses of the part that ends here; what may still be filled concerns the next part."""
+        pending: dict[Source, list[Gap]] = {}
+        for source, account in self._accounts.items():
+            pending[source] = [gap for gap in account.gaps if gap.counted and not gap.hopeless]
+            account.gaps[:] = [gap for gap in account.gaps if gap not in pending[source]]
+        ended = self.lost(topics), self.losses
+        self.begin()
+        for source, gaps in pending.items():
+            self._accounts[source].gaps += gaps
+        return ended
+
+    # --- what arrives
+
+    def arrived(self, topic: str, source: Source, number: int, stamp_ns: int) -> bool:
         """A numbered sample is here. Returns False if it was here before, or was given up before the recording."""
         account = self._accounts.get(source)
         if account is None:
-            account = self._accounts[source] = _Account(topic, number)
-        if self._counting:
-            self._numbered.add(topic)
+            account = self._accounts[source] = _Account(topic, number, number, stamp_ns, self._counting)
         if number == account.next:
             account.next = (number + 1) % _WRAP
+            account.seen_ns = stamp_ns
             return True
-        return self._out_of_order(account, source, number, now_ns)
+        if (number - account.next) % _WRAP < _WRAP // 2:
+            self._up_to(account, source, number, stamp_ns)
+            account.next = (number + 1) % _WRAP
+            account.seen_ns = stamp_ns
+            return True
+        return _fill(account, number)
 
     def arrived_unnumbered(self, topic: str) -> None:
         """A sample without a number is here."""
         if self._counting:
             self._unnumbered.add(topic)
 
-    def heard(self, topic: str, source: Source, last: int, now_ns: int) -> None:
-        """A heartbeat says that `last` was the source's newest number."""
-        account = self._accounts.setdefault(source, _Account(topic, (last + 1) % _WRAP))
-        self._up_to(account, source, (last + 1) % _WRAP, now_ns)
+    def refused(self, topic: str, source: Source | None, stamp_ns: int) -> None:
+        """A sample arrived but could not be kept, because memory or disk is full: it is lost for good."""
+        last = self._refused[-1] if self._refused else None
+        if last is not None and last.topic == topic and source is not None:
+            self._refused[-1] = replace(last, count=last.count + 1, end_ns=stamp_ns)
+        else:
+            self._refused.append(Loss(topic, 1, stamp_ns, stamp_ns))
+        if len(self._refused) > _MOST_GAPS:
+            self._refused[:] = _merged(self._refused)
 
-    def appeared(self, topic: str, source: Source) -> None:
-        """A source unknown until now came to the network during the recording: its numbers begin at 0."""
-        if self._counting:
-            self._accounts.setdefault(source, _Account(topic, 0))
+    def unwritten(self, topic: str, count: int) -> None:
+        """Samples that had been kept could not be written."""
+        self._unwritten[topic] += count
+
+    # --- what publishers say of themselves
+
+    def heard(self, topic: str, source: Source, last: int, stamp_ns: int) -> None:
+        """A heartbeat says that `last` was the source's newest number."""
+        upcoming = (last + 1) % _WRAP
+        account = self._accounts.setdefault(source, _Account(topic, upcoming, upcoming, stamp_ns, self._counting))
+        self._up_to(account, source, upcoming, stamp_ns)
+
+    def appeared(self, topic: str, source: Source, stamp_ns: int) -> None:
+        """A source came to the network during the recording: its numbers begin at 0."""
+        if not self._counting:
+            return
+        account = self._accounts.setdefault(source, _Account(topic, 0, 0, stamp_ns, True))
+        if account.counted and account.first > 0:
+            account.gaps.insert(0, Gap(topic, source, 0, account.first - 1, stamp_ns, stamp_ns, counted=True))
+            account.first = 0
+
+    def began_late(self, source: Source, first: int) -> None:
+        """What this source published before its number `first` was before the recording: it is not missing."""
+        account = self._accounts.get(source)
+        if account is None:
+            return
+        account.gaps[:] = [gap for gap in account.gaps if gap.last >= first]
+        for gap in account.gaps:
+            gap.first = max(gap.first, first)
 
     def knows(self, source: Source) -> bool:
         """Whether anything of this source was ever heard."""
@@ -119,111 +192,87 @@ class Ledger:
 
     def expected(self, source: Source) -> int:
         """The number that the source will use next, as far as known."""
-        account = self._accounts.get(source)
-        return account.next if account else 0
+        return self._accounts[source].next
 
-    def began_late(self, source: Source, first: int) -> None:
-        """What this source published before its number `first` was before the recording: it is not missing."""
-        account = self._accounts.get(source)
-        if account:
-            self._trim(account, first)
-
-    def refused(self, topic: str, source: Source | None, number: int, now_ns: int) -> None:
-        """A sample arrived but could not be kept (memory or disk full): it is lost for good."""
-        self._refused[topic] += 1
-        if source is not None:
-            self._refused_numbered(topic, source)
-
-    def unwritten(self, topic: str, count: int) -> None:
-        """Samples that had been kept could not be written."""
-        self._refused[topic] += count
-        for account in self._accounts.values():
-            if account.topic == topic:
-                account.settled += count
-                return
-
-    def _refused_numbered(self, topic: str, source: Source) -> None:
-        account = self._accounts.get(source)
-        if account is not None:
-            account.settled += 1
+    # --- what is missing
 
     @property
-    def gaps(self) -> list[Gap]:
-        """What is missing from the recording and may still be filled."""
-        return [gap for account in self._accounts.values() for gap in account.gaps]
+    def open_gaps(self) -> dict[Source, list[Gap]]:
+        """What is missing from the recording and may still be had, by source."""
+        found = {
+            source: [gap for gap in account.gaps if gap.counted and not gap.hopeless]
+            for source, account in self._accounts.items()
+        }
+        return {source: gaps for source, gaps in found.items() if gaps}
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What is missing from the recording, with its times."""
+        gaps = [
+            Loss(gap.topic, gap.count, gap.begin_ns, gap.end_ns)
+            for account in self._accounts.values()
+            for gap in account.gaps
+            if gap.counted
+        ]
+        return gaps + self._refused
 
     @property
     def refusals(self) -> dict[str, int]:
-        """Samples by topic that arrived but could not be kept, numbered or not."""
-        return dict(self._refused)
+        """Samples by topic that arrived but could not be kept or written, numbered or not."""
+        counts = Counter(self._unwritten)
+        for loss in self._refused:
+            counts[loss.topic] += loss.count
+        return dict(sorted(counts.items()))
 
     def lost(self, topics: Iterable[str] = ()) -> dict[str, int | None]:
         """Missing samples by topic, also of these; None where a publisher without numbers makes it unknowable."""
         numbered = {account.topic for account in self._accounts.values()}
-        counts: dict[str, int | None] = {topic: 0 if topic in numbered else None for topic in topics}
-        counts |= dict.fromkeys(self._numbered, 0)
-        for account in self._accounts.values():
-            missing = account.settled + sum(gap.count for gap in account.gaps)
-            if missing:
-                counts[account.topic] = (counts.get(account.topic) or 0) + missing
-        return dict(sorted({**counts, **dict.fromkeys(self._unnumbered)}.items()))
-
-    def close(self, topics: Iterable[str]) -> tuple[dict[str, int | None], dict[str, int]]:
-        """The recording has ended: its losses and its refusals; both are forgotten."""
-        result = self.lost(topics), self.refusals
-        self.forget()
-        return result
-
-    def split(self, topics: Iterable[str]) -> dict[str, int | None]:
-        """The losses of the part that ends here; what may still be filled concerns the next part."""
-        pending = {
-            source: [gap for gap in account.gaps if not gap.hopeless] for source, account in self._accounts.items()
+        missing: Counter[str] = Counter(self._unwritten)
+        for loss in self.losses:
+            missing[loss.topic] += loss.count
+        found = {*topics, *missing, *self._unnumbered}
+        return {
+            topic: missing[topic] if topic in numbered and topic not in self._unnumbered else None
+            for topic in sorted(found)
         }
-        for account in self._accounts.values():
-            account.gaps[:] = [gap for gap in account.gaps if gap.hopeless]
-        lost = self.lost(topics)
-        self.begin()
-        for source, gaps in pending.items():
-            self._accounts[source].gaps[:] = gaps
-        return lost
 
-    def _out_of_order(self, account: _Account, source: Source, number: int, now_ns: int) -> bool:
-        if (number - account.next) % _WRAP < _WRAP // 2:
-            self._up_to(account, source, number, now_ns)
-            account.next = (number + 1) % _WRAP
-            return True
-        return self._fill(account, number)
-
-    def _up_to(self, account: _Account, source: Source, upcoming: int, now_ns: int) -> None:
+    def _up_to(self, account: _Account, source: Source, upcoming: int, stamp_ns: int) -> None:
         """Everything from the expected number to the one before `upcoming` is missing."""
         missing = (upcoming - account.next) % _WRAP
         if not 0 < missing < _WRAP // 2:
             return
-        if self._counting:
-            account.gaps.append(Gap(account.topic, source, account.next, account.next + missing - 1, now_ns))
-            while len(account.gaps) > _MOST_RANGES:
-                account.settled += account.gaps.pop(0).count
+        last = account.next + missing - 1
+        account.gaps.append(
+            Gap(account.topic, source, account.next, last, account.seen_ns, stamp_ns, counted=self._counting)
+        )
         account.next = upcoming
-
-    def _fill(self, account: _Account, number: int) -> bool:
-        for index, gap in enumerate(account.gaps):
-            if gap.first <= number <= gap.last:
-                account.gaps[index : index + 1] = _without(gap, number)
-                return True
-        return False
-
-    def _trim(self, account: _Account, first: int) -> None:
-        kept = [gap for gap in account.gaps if gap.last >= first]
-        for gap in kept:
-            gap.first = max(gap.first, first)
-        account.gaps[:] = kept
+        if len(account.gaps) > _MOST_GAPS:
+            _join_oldest(account.gaps)
 
 
-def _without(gap: Gap, number: int) -> list[Gap]:
-    """What is left of a gap once one number in it has arrived."""
-    rest = ((gap.first, number - 1), (number + 1, gap.last))
+def _fill(account: _Account, number: int) -> bool:
+    for index, gap in enumerate(account.gaps):
+        if gap.first <= number <= gap.last and not gap.extra:
+            account.gaps[index : index + 1] = gap.without(number)
+            return True
+    return False
+
+
+def _join_oldest(gaps: list[Gap]) -> None:
+    """Tell the two oldest gaps as one that nothing fills any more; its count stays exact."""
+    one, two = gaps[0], gaps[1]
+    if not one.counted:
+        del gaps[0]
+        return
+    count = one.count + (two.count if two.counted else 0)
+    joined = replace(one, last=two.last, end_ns=two.end_ns, hopeless=True, extra=count - (two.last - one.first + 1))
+    gaps[0:2] = [joined]
+
+
+def _merged(losses: list[Loss]) -> list[Loss]:
+    """One loss a topic, from the first moment to the last."""
+    topics = {loss.topic: [each for each in losses if each.topic == loss.topic] for loss in losses}
     return [
-        Gap(gap.topic, gap.source, first, last, gap.noticed_ns, gap.asked, gap.hopeless)
-        for first, last in rest
-        if first <= last
+        Loss(topic, sum(each.count for each in same), same[0].begin_ns, same[-1].end_ns)
+        for topic, same in topics.items()
     ]

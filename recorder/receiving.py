@@ -16,7 +16,7 @@ import zenoh
 from recorder.chunks import Batch
 from recorder.errors import RecorderError
 from recorder.intake import Intake, PreRoll
-from recorder.ledger import Ledger, Source
+from recorder.ledger import Ledger, Loss, Source
 from recorder.recording import ACTION, GRIPPER, NS, POSES
 
 NOT_RECORDED: Final = ("recorder", "skills")
@@ -100,6 +100,9 @@ class Receiver:
         self._on_action, self._on_poses = on_action, on_poses
         self._pre_roll = PreRoll(int(pre_roll_s * NS))
         self._intake: Intake | None = None
+        self._start_ns = 0
+        self._late: set[Source] = set()
+        self._sessions: dict[zenoh.ZenohId, str] = {}
         self._paused = False
         self._routes: dict[str, Route] = {}
         self._channels: list[tuple[str, str]] = [("", "")]
@@ -107,6 +110,19 @@ class Receiver:
     def channel(self, number: int) -> tuple[str, str]:
         """The topic and the Zenoh encoding of a channel."""
         return self._channels[number]
+
+    def records(self, topic: str) -> bool:
+        """Whether samples of a topic are recorded."""
+        return self._route(self._prefix + topic[1:]).recorded
+
+    @property
+    def recording(self) -> bool:
+        """Whether samples are being recorded now."""
+        return self._intake is not None and not self._paused
+
+    def expect_late(self, source: Source) -> None:
+        """A publisher came during the recording: what its cache has from before the start is left out."""
+        self._late.add(source)
 
     def begin(self, intake: Intake) -> int:
         """A recording begins, with the pre-roll; returns its start [ns]."""
@@ -118,15 +134,16 @@ class Receiver:
             if len(batch):
                 intake.put_first(batch)
             self.ledger.begin()
-            self._intake, self._paused = intake, False
+            self._late.clear()
+            self._intake, self._paused, self._start_ns = intake, False, now_ns
         return now_ns
 
-    def swap(self, intake: Intake) -> dict[str, int | None]:
+    def swap(self, intake: Intake) -> tuple[dict[str, int | None], list[Loss]]:
         """The recording goes on in another part, between two samples; returns what the one before has lost."""
         with self.lock:
-            lost = self.ledger.split(self.counts)
+            ended = self.ledger.split(self.counts)
             self._intake, self.counts = intake, {}
-        return lost
+        return ended
 
     def pause(self) -> None:
         """Samples are not recorded until `resume`."""
@@ -163,8 +180,12 @@ class Receiver:
                 self.ledger.arrived_unnumbered(route.topic)
             else:
                 identity, number = info.source_id, info.source_sn
-                source = (identity.zid, identity.eid)
-                if not self.ledger.arrived(route.topic, source, number, log_ns):
+                session = identity.zid
+                source = (self._sessions.get(session) or self._session(session), identity.eid)
+                if not self.ledger.arrived(route.topic, source, number, publish_ns):
+                    return
+                if source in self._late and publish_ns < self._start_ns:
+                    self.ledger.began_late(source, number + 1)
                     return
             if sample.kind == _PUT:
                 self._keep(route, str(sample.encoding), number, source, log_ns, publish_ns, payload)
@@ -189,11 +210,14 @@ class Receiver:
             if channel and intake.add(channel, number, log_ns, publish_ns, payload, route.essential, route.action):
                 self.counts[route.topic] = self.counts.get(route.topic, 0) + 1
             else:
-                self.ledger.refused(route.topic, source, number, log_ns)
+                self.ledger.refused(route.topic, source, publish_ns)
         if route.poses:
             self._on_poses(payload)
         elif route.action and publish_ns >= self.opened_ns:
             self._on_action(Arrival(log_ns, payload, intake is not None and not self._paused))
+
+    def _session(self, session: zenoh.ZenohId) -> str:
+        return self._sessions.setdefault(session, str(session))
 
     def _count(self, batch: Batch) -> None:
         for channel in batch.channels:

@@ -51,9 +51,9 @@ def configuration(listen: str | None = None, connect: str | None = None, **more:
 
 
 @contextlib.contextmanager
-def network() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
-    """Two connected sessions: the recorder's and the cell's."""
-    endpoint = free_endpoint()
+def network(endpoint: str | None = None) -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
+    """Two connected sessions: the recorder's, which listens, and the cell's."""
+    endpoint = endpoint or free_endpoint()
     with zenoh.open(configuration(listen=endpoint)) as ours, zenoh.open(configuration(connect=endpoint)) as theirs:
         yield ours, theirs
 
@@ -61,9 +61,13 @@ def network() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
 @contextlib.contextmanager
 def recording_cell(folder: Path, options: Options | None = None) -> Iterator[Cell]:
     """A recorder that serves the cell, and the cell's side of the network."""
-    with network() as (ours, theirs):
+    endpoint = free_endpoint()
+    with network(endpoint) as (ours, theirs):
         events: list[dict[str, Any]] = []
-        with Recorder(ours, CELL, folder, options, events.append) as recorder, Cell(theirs, recorder, events) as cell:
+        with (
+            Recorder(ours, CELL, folder, options, events.append) as recorder,
+            Cell(theirs, recorder, events, endpoint) as cell,
+        ):
             cell.await_answer()
             yield cell
 
@@ -87,8 +91,8 @@ def ask(session: zenoh.Session, verb: str, request: Any = None, prefix: str = PR
 class Cell:
     """Publishes as the contract's section 1 asks of a cell."""
 
-    def __init__(self, session: zenoh.Session, recorder: Recorder, events: list[dict[str, Any]]) -> None:
-        self.session, self.recorder, self.events = session, recorder, events
+    def __init__(self, session: zenoh.Session, recorder: Recorder, events: list[dict[str, Any]], endpoint: str) -> None:
+        self.session, self.recorder, self.events, self.endpoint = session, recorder, events, endpoint
         self._opened = contextlib.ExitStack()
 
     def __enter__(self) -> Cell:

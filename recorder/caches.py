@@ -1,0 +1,226 @@
+"""Asking publishers' caches for what the network has lost.
+
+zenoh.ext's AdvancedPublisher tells three things below `<key>/@adv/pub/<session>/<number>/…`: a liveliness token says
+that it is there, a heartbeat says which sequence number it used last, and a queryable gives what its cache still has
+(`_sn=first..last`, both included). Its counterpart, the AdvancedSubscriber, is not used: on a wildcard it drops plain
+samples that overtake each other, and it skips the cache of a publisher that comes late (both measured with 1.10.2).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Final, Self
+
+import zenoh
+
+from recorder.ledger import Source
+from recorder.receiving import Receiver
+
+ADVANCED: Final = "/@adv/pub/"
+PATIENCE_S: Final = 0.03
+"""A sample may be overtaken on its way by so much without being asked for."""
+AGAIN_S: Final = (0.1, 0.3, 1.0)
+"""Between one fruitless answer and the next question; after the last the cache has it no more."""
+TIMEOUT_S: Final = 5.0
+SETTLE_S: Final = 0.25
+"""Publishers found in the first moments were there before."""
+
+
+@dataclass
+class _Questions:
+    """What is being asked of one source."""
+
+    topic: str
+    busy: bool = False
+    due_s: float = 0.0
+
+
+class Caches:
+    """Follows the advanced publishers of a cell and fills the gaps of its receiver's ledger, as a context."""
+
+    def __init__(self, session: zenoh.Session, prefix: str, receiver: Receiver) -> None:
+        self._session, self._prefix, self._receiver = session, prefix, receiver
+        self._present: set[Source] = set()
+        self._gone: set[Source] = set()
+        self._questions: dict[Source, _Questions] = {}
+        self._lock = threading.Lock()
+        self._stopping, self._wake = threading.Event(), threading.Event()
+        self._opened = contextlib.ExitStack()
+        self._opened_s = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="recorder-caches", daemon=True)
+
+    def __enter__(self) -> Self:
+        keys = f"{self._prefix}**{ADVANCED}**"
+        with contextlib.ExitStack() as undo:
+            undo.enter_context(self._session.declare_subscriber(keys, self._heartbeat))
+            undo.enter_context(self._session.liveliness().declare_subscriber(keys, self._token, history=True))
+            self._opened = undo.pop_all()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        self._wake.set()
+        self._thread.join()
+        self._opened.close()
+
+    def settle(self, patience_s: float) -> None:
+        """Until nothing more can be had from any cache, or the patience [s] ends; a stop waits for it."""
+        end_s = time.monotonic() + patience_s
+        for source, topic in self._recorded_sources().items():
+            self._ask_tail(topic, source)
+        while time.monotonic() < end_s and self._unsettled():
+            time.sleep(0.005)
+
+    def _recorded_sources(self) -> dict[Source, str]:
+        with self._lock, self._receiver.lock:
+            known = [source for source in self._present if self._receiver.ledger.knows(source)]
+            return {source: self._questions[source].topic for source in known}
+
+    def _unsettled(self) -> bool:
+        with self._lock, self._receiver.lock:
+            busy = any(questions.busy for questions in self._questions.values())
+            return busy or any(source not in self._gone for source in self._receiver.ledger.open_gaps)
+
+    # --- what publishers tell
+
+    def _parse(self, key: str) -> tuple[str, Source] | None:
+        """The topic and the source of an advanced publisher's key; None if it has no sequence numbers."""
+        topic, found, rest = key.rpartition(ADVANCED)
+        chunks = rest.split("/")
+        if not found or len(chunks) < 2 or not chunks[1].isdigit():
+            return None
+        return "/" + topic.removeprefix(self._prefix), (chunks[0], int(chunks[1]))
+
+    def _heartbeat(self, sample: zenoh.Sample) -> None:
+        parsed = self._parse(str(sample.key_expr))
+        payload = sample.payload.to_bytes()
+        if parsed is None or len(payload) != 4 or not self._receiver.records(parsed[0]):
+            return
+        with self._receiver.lock:
+            self._receiver.ledger.heard(*parsed, int.from_bytes(payload, "little"), time.time_ns())
+        self._wake.set()
+
+    def _token(self, sample: zenoh.Sample) -> None:
+        parsed = self._parse(str(sample.key_expr))
+        if parsed is None or not self._receiver.records(parsed[0]):
+            return
+        topic, source = parsed
+        if sample.kind == zenoh.SampleKind.DELETE:
+            with self._lock:
+                self._present.discard(source)
+                self._gone.add(source)
+            return
+        with self._lock:
+            self._present.add(source)
+            self._gone.discard(source)
+            self._questions.setdefault(source, _Questions(topic))
+        self._came(topic, source)
+
+    def _came(self, topic: str, source: Source) -> None:
+        """A publisher is there, again or for the first time: what did we miss?"""
+        late = time.monotonic() > self._opened_s + SETTLE_S
+        with self._receiver.lock:
+            ledger = self._receiver.ledger
+            if late and self._receiver.recording:
+                self._receiver.expect_late(source)
+                ledger.appeared(topic, source, time.time_ns())
+            known = ledger.knows(source)
+            for gap in ledger.open_gaps.get(source, ()):
+                gap.asked = 0
+        if known:
+            self._ask_tail(topic, source)
+        else:
+            self._ask_newest(topic, source)
+        self._wake.set()
+
+    # --- what is asked
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            self._ask_for_gaps()
+            self._wake.wait(PATIENCE_S)
+            self._wake.clear()
+            self._stopping.wait(PATIENCE_S)
+
+    def _ask_for_gaps(self) -> None:
+        with self._receiver.lock:
+            gaps = {source: (found[0].topic, found[0].first, found[-1].last)
+                    for source, found in self._receiver.ledger.open_gaps.items()}  # fmt: skip
+        for source, (topic, first, last) in gaps.items():
+            with self._lock:
+                questions = self._questions.setdefault(source, _Questions(topic))
+                due = not questions.busy and time.monotonic() >= questions.due_s and source not in self._gone
+                questions.busy = questions.busy or due
+            if due:
+                self._ask(topic, source, f"_sn={first}..{last}", self._receiver.receive, self._answered)
+
+    def _answered(self, source: Source) -> None:
+        """The cache has given what it has."""
+        with self._receiver.lock:
+            gaps = self._receiver.ledger.open_gaps.get(source, [])
+            for gap in gaps:
+                gap.asked += 1
+                gap.hopeless = gap.asked > len(AGAIN_S)
+            asked = min((gap.asked for gap in gaps), default=0)
+        with self._lock:
+            questions = self._questions[source]
+            questions.busy = False
+            questions.due_s = time.monotonic() + (AGAIN_S[min(asked, len(AGAIN_S)) - 1] if asked else 0.0)
+
+    def _ask_tail(self, topic: str, source: Source) -> None:
+        with self._lock, self._receiver.lock:
+            questions = self._questions.setdefault(source, _Questions(topic))
+            if questions.busy:
+                return
+            questions.busy = True
+            first = self._receiver.ledger.expected(source)
+        self._ask(topic, source, f"_sn={first}..", self._receiver.receive, self._free)
+
+    def _ask_newest(self, topic: str, source: Source) -> None:
+        def heard(sample: zenoh.Sample) -> None:
+            info = sample.source_info
+            if info is not None:
+                with self._receiver.lock:
+                    self._receiver.ledger.heard(topic, source, info.source_sn, time.time_ns())
+
+        self._ask(topic, source, "_max=1", heard, lambda _: None)
+
+    def _free(self, source: Source) -> None:
+        with self._lock:
+            self._questions[source].busy = False
+
+    def _ask(
+        self,
+        topic: str,
+        source: Source,
+        parameters: str,
+        take: Callable[[zenoh.Sample], None],
+        done: Callable[[Source], None],
+    ) -> None:
+        """Ask a source's cache; `take` gets each sample, `done` is called once when there are no more."""
+
+        def reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                take(reply.ok)
+
+        key = f"{self._prefix}{topic[1:]}{ADVANCED}{source[0]}/{source[1]}/**"
+        try:
+            self._session.get(
+                f"{key}?{parameters}",
+                zenoh.handlers.Callback(reply, lambda: done(source)),
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                timeout=TIMEOUT_S,
+            )
+        except zenoh.ZError:
+            # The session is closing: there is nobody left to ask.
+            done(source)
