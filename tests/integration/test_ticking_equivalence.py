@@ -106,7 +106,7 @@ GUARDED = control("ReactiveFallback", control("ReactiveSequence", condition(), a
 REMEMBERED = control("ReactiveSequence", condition(), control("Sequence", action(), action(), action()))
 
 
-@settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(scenarios())
 @example((GUARDED, [(F, S) * 5, (R,) * TICKS, (R,) * TICKS], {7}))
 @example((REMEMBERED, [(S, S, F, S, S) * 2, (R, S) * 5, (R, S) * 5, (R,) * TICKS], set()))
@@ -118,7 +118,7 @@ def test_the_interpreter_py_trees_and_behaviortree_cpp_make_the_same_calls(
     assert observed(Engine, *scenario) == expected
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(tree=trees(), data=st.data())
 def test_an_exported_tree_with_subtrees_is_ticked_as_its_flattened_form(tree: Tree, data: st.DataObject) -> None:
     root, xml = tree.flattened(), to_xml(tree)
