@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from pipelines.home import Home
 from pipelines.prefect_server import check_api, flow_runner, prefect_server
 from pipelines.stores import open_store
 from storage.artifacts import ArtifactStore
+from storage.errors import StorageUnavailableError
 from storage.http import StoreOnHttp
 from storage.serving import StoreOnZenoh
 
@@ -71,11 +73,20 @@ class Service:
         self._store, self._children = store, children
 
     def watch(self, stop: threading.Event, report: Report) -> None:
-        """Report every change of the store until `stop` is set. Raises ChildFailedError if a child ends by itself."""
-        told = self._store.last_change()
+        """Report every change of the store until `stop` is set. Raises ChildFailedError if a child ends by itself.
+
+        A store that does not answer for a while is reported once and asked again.
+        """
+        told, unavailable = self._store.last_change(), False
         while not stop.wait(POLL_S):
             for child in self._children:
                 child.check()
-            for change in self._store.changes(after=told):
-                report({name: value for name, value in vars(change).items() if name != "serial"})
-                told = change.serial
+            try:
+                for change in self._store.changes(after=told):
+                    report({name: value for name, value in vars(change).items() if name != "serial"})
+                    told = change.serial
+                unavailable = False
+            except StorageUnavailableError as error:
+                if not unavailable:
+                    report({"stamp_ns": time.time_ns(), "event": "unavailable", "reason": str(error)})
+                unavailable = True

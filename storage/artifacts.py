@@ -368,13 +368,19 @@ class ArtifactStore:
         with self._failures():
             if self._by_url:
                 self._prepare()
-            elif not self._database.exists():
+            elif not self._is_there():
                 with sa.create_engine("sqlite://").begin() as connection:
                     METADATA.create_all(connection)
                     yield connection
                 return
             with self._engine.execution_options(**{READING: True}).connect() as connection:
                 yield connection
+
+    def _is_there(self) -> bool:
+        """Whether the database holds our tables: its file may be there while another process is about to make them."""
+        if not self._prepared and self._database.exists():
+            self._prepared = sa.inspect(self._engine).has_table(CHANGES.name)
+        return self._prepared and self._database.exists()
 
     @contextmanager
     def _writing(self) -> Iterator[sa.Connection]:

@@ -1,7 +1,8 @@
 """`treewright serve`: the scheduled flows, and the artifact store on Zenoh and HTTP, until SIGINT or SIGTERM.
 
 With --json one object a line: {"ready": true, "http", "prefect"} when all is up, then
-{"stamp_ns", "event", "task", "version", "alias", "digest"} for every change of the store.
+{"stamp_ns", "event", "task", "version", "alias", "digest"} for every change of the store (`event` is `published` or
+`alias`), and {"stamp_ns", "event": "unavailable", "reason"} where the store does not answer for a while.
 """
 
 from __future__ import annotations
@@ -76,6 +77,9 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 
 def _tell(console: Console, event: Mapping[str, Any]) -> None:
     console.emit(event)
+    if event["event"] == "unavailable":
+        console.warn(event["reason"])
+        return
     name = f"{event['task']}@{event['version']}"
     console.say(f"published {name}" if event["event"] == "published" else f"{event['alias']} is now {name}")
 

@@ -286,3 +286,9 @@ def test_a_store_that_cannot_be_used_is_named(tmp_path: Path) -> None:
         ArtifactStore(tmp_path / "store").tasks()
     with pytest.raises(StorageUnavailableError, match="URL"):
         ArtifactStore(tmp_path / "store", "nosuchdatabase://x")
+
+
+def test_a_database_whose_tables_another_process_is_about_to_make_reads_as_empty(tmp_path: Path) -> None:
+    (tmp_path / "store.sqlite").touch()
+    with ArtifactStore(tmp_path) as store:
+        assert (store.tasks(), store.changes(), store.last_change()) == ([], [], 0)
