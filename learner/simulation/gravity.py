@@ -30,6 +30,8 @@ MARGIN_M: Final = 0.004
 SLIDE_STEP_M: Final = 0.005
 SLIDE_LIMIT_M: Final = 0.45
 SETTLING_STEPS: Final = 8
+FROM_ABOVE_M: Final = 10.0
+"""Higher than anything: whence a human puts things down [m]."""
 
 
 @dataclass(frozen=True)
@@ -183,12 +185,13 @@ class Table:
         return blocks(name, self.bodies[name], spot)
 
     def support_m(self, name: str, spot: Spot, below_m: float = math.inf) -> float:
-        """The height [m] of the highest thing under the footprint of `name` at `spot` that ends `below_m` or lower."""
+        """The height [m] of the highest thing under `name` at `spot` that ends `below_m` or lower; 0 is the table."""
         return max((block.top for block in self._under(name, spot) if block.top <= below_m), default=0.0)
 
     def _under(self, name: str, spot: Spot) -> list[Block]:
+        """What the footprint overlaps, but for what hangs wholly above it (in the gripper)."""
         hull = self.footprint(name, spot)
-        return [block for block in self.obstacles({name}) if block.overlaps(hull)]
+        return [block for block in self.obstacles({name}) if block.bottom < hull.top and block.overlaps(hull)]
 
     def on(self, name: str) -> set[str]:
         """The bodies that stand directly on (or in) `name`."""
@@ -218,8 +221,8 @@ class Table:
 
     def lay(self, name: str, spot: Spot) -> None:
         """Put a body onto whatever lies under `spot` (its z unused); what stood on it falls."""
-        load = self.load(name)
-        self.spots[name] = replace(spot, z=self.support_m(name, spot) + self.bodies[name].half_height)
+        load, from_above = self.load(name), replace(spot, z=FROM_ABOVE_M)
+        self.spots[name] = replace(spot, z=self.support_m(name, from_above) + self.bodies[name].half_height)
         self._settle(name)
         self.settle(load)
 

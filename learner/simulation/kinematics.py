@@ -138,6 +138,7 @@ class KinematicWorld:
         self.deeds: list[Deed] = []
         self.steps = 0
         self._grip: Spot | None = None
+        self._load: frozenset[str] = frozenset()
         self._believed: tuple[str, Spot] | None = None
         self._under_way: _UnderWay | None = None
         self._seen: dict[str, Seen] = {}
@@ -281,6 +282,14 @@ class KinematicWorld:
         self.hand_xyzw = quaternion_xyzw or self.hand_xyzw
         if self.held and self._grip:
             self.table.spots[self.held] = self.hand_spot.compose(self._grip)
+            self._shed()
+
+    def _shed(self) -> None:
+        """What stood on the held object when it was grasped falls as it moves: a fault like a contact."""
+        if self._load:
+            self.faults.contacts += 1
+            load, self._load = self._load, frozenset()
+            self.table.settle(load)
 
     def close(self) -> None:
         """Close the fingers: what is graspable between them is held from now on."""
@@ -289,11 +298,12 @@ class KinematicWorld:
         self.gripper = "closed"
         self.held = next((name for name in self.table.spots if self._grasps(name)), None)
         self._grip = self.hand_spot.relative(self.table.spots[self.held]) if self.held else None
+        self._load = frozenset(self.table.load(self.held)) if self.held else frozenset()
         self._believe()
 
     def open(self) -> None:
         """Open the fingers: what was held falls."""
-        self.gripper, self._believed = "open", None
+        self.gripper, self._believed, self._load = "open", None, frozenset()
         if self.held:
             name, self.held = self.held, None
             self.table.drop(name, self.table.spots[name])
@@ -305,7 +315,7 @@ class KinematicWorld:
             return False
         turn = abs(math.remainder(hand.yaw - spot.yaw, math.pi / 2))
         round_body = body.shape.symmetry == "vertical"
-        return (round_body or turn <= GRASP_RAD) and self._tilt() <= GRASP_RAD and not self.table.covered(name)
+        return (round_body or turn <= GRASP_RAD) and self._tilt() <= GRASP_RAD
 
     def _tilt(self) -> float:
         """Angle [rad] between the approach (z of the end-effector) and straight down."""

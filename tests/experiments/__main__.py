@@ -50,9 +50,14 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--methods", nargs="+", default=list(METHODS), help="these methods")
     parser.add_argument("--folder", type=Path, default=Path("build/experiments"), help="where results are kept")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--write", type=Path, help="write the tables to this file too")
+    parser.add_argument(
+        "--write", type=Path, help="write the tables to this file (default: EXPERIMENTS.md unless quick)"
+    )
     parser.add_argument("--pictures", type=Path, default=Path("tests/experiments/pictures"), help="where those go")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.write is None and not arguments.quick:
+        arguments.write = Path("EXPERIMENTS.md")
+    return arguments
 
 
 def _computed(arguments: argparse.Namespace) -> tuple[list[Result], list[Result], list[Result]]:

@@ -138,7 +138,8 @@ class Scenario:
         """
         for _ in range(5000):
             spots = _drawn(self, rng)
-            if spots is None or not all(_possible(self, spots, steps) for steps in self._relevant(script)):
+            ways = (*self._relevant(script), *(_as_steps(goal) for goal in self.goals))
+            if spots is None or not all(_possible(self, spots, steps) for steps in ways):
                 continue
             if script is None or not any(_stands_there(spots, step) for step in _first_steps(script)):
                 return spots
@@ -202,6 +203,11 @@ def _outside(scenario: Scenario, spots: Mapping[str, Spot], a: str, b: str) -> f
     x, y = spots[b].within(spots[a].x, spots[a].y)
     half_x, half_y = (size / 2 for size in scenario.objects[b].shape.size_m[:2])
     return math.hypot(max(abs(x) - half_x, 0.0), max(abs(y) - half_y, 0.0)) - scenario.objects[a].radius
+
+
+def _as_steps(goal: Goal) -> tuple[Step, ...]:
+    """A goal straight away, without what a script does on the way; goals are written from below."""
+    return tuple(Step("place", r.object, r.frame, r.at) for r in goal if isinstance(r, Rests))
 
 
 def _first_steps(script: tuple[Step, ...]) -> tuple[Step, ...]:

@@ -89,6 +89,14 @@ def test_picking_a_covered_cube_is_a_contact_and_moves_nothing() -> None:
     assert cell.check(OPEN)
 
 
+def test_picking_a_cube_that_carries_half_of_another_makes_that_one_fall() -> None:
+    cell = world(A=Spot(0.4, 0.0, 0.025, 0.0), B=Spot(0.4, 0.08, 0.025, 0.0), C=Spot(0.4, 0.04, 0.075, 0.0))
+    assert do(cell, pick("B")) == [Status.SUCCESS]
+    assert cell.faults.contacts == 1
+    assert cell.held == "B"
+    assert cell.spot("C").z == pytest.approx(0.025)
+
+
 def test_placing_where_something_stands_is_a_contact_and_keeps_hold() -> None:
     cell = world(A=Spot(0.4, 0.1, 0.025, 0.0), B=Spot(0.6, 0.1, 0.025, 0.0))
     occupied = (0.62, 0.1, 0.025)
