@@ -26,6 +26,7 @@ from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderEr
 from recorder.feedback import Finding, Plausible, Sightings, gaps_near_actions, judge
 from recorder.receiving import Arrival, Patterns, Receiver
 from recorder.recording import Demonstrated, Finished
+from recorder.recovery import recover_folder, sole_recorder
 from recorder.writing import Writing
 
 State = Literal["idle", "recording", "paused"]
@@ -115,7 +116,9 @@ class Recorder:
         disk.prepare(self.folder)
         with contextlib.ExitStack() as undo:
             self._be_alone()
+            undo.enter_context(sole_recorder(self.folder, self.cell))
             self._events = undo.enter_context(self._session.declare_publisher(self._key("events")))
+            recover_folder(self.folder, self._tell_recovery)
             undo.enter_context(self._session.liveliness().declare_token(self._key("alive")))
             # On the receiving thread itself, so that a request does not overtake the samples sent before it.
             receive = zenoh.handlers.Callback(self._receiver.receive, indirect=False)
@@ -145,6 +148,10 @@ class Recorder:
                 self._stop("unknown")
         finally:
             self._opened.close()
+
+    def _tell_recovery(self, fate: str, sentence: str) -> None:
+        self._tell("recovery", fate=fate, sentence=sentence)
+        self._alarms.append(sentence)
 
     def _key(self, verb: str) -> str:
         return f"{self._prefix}recorder/{verb}"

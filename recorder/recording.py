@@ -363,9 +363,6 @@ class RecordingWriter:
         if channel in self._summary.channels:
             return
         schema = _schema(topic)
-        if schema and schema.id not in self._summary.schemas:
-            self._record(schema)
-            self._summary.schemas[schema.id] = schema
         described = Channel(
             id=channel,
             topic=topic,
@@ -373,8 +370,23 @@ class RecordingWriter:
             metadata={"zenoh_encoding": encoding},
             schema_id=schema.id if schema else 0,
         )
-        self._record(described)
-        self._summary.channels[channel] = described
+        self.adopt(described, schema)
+
+    def adopt(self, channel: Channel, schema: Schema | None) -> None:
+        """Tell of a channel as another file has it, number, schema and all. A second time changes nothing."""
+        if channel.id in self._summary.channels:
+            return
+        if schema and schema.id not in self._summary.schemas:
+            self._record(schema)
+            self._summary.schemas[schema.id] = schema
+        self._record(channel)
+        self._summary.channels[channel.id] = channel
+
+    def adopt_metadata(self, metadata: Metadata) -> None:
+        """Write a metadata record as it is."""
+        offset = self._offset
+        self._record(metadata)
+        self._summary.metadata.append(MetadataIndex(offset=offset, length=self._offset - offset, name=metadata.name))
 
     def write_batch(self, batch: Batch) -> None:
         """Write a batch of at least one message as one chunk; its channels were told before."""
@@ -408,9 +420,7 @@ class RecordingWriter:
         sync_folder(self.file.parent)
 
     def _metadata(self, demonstrated: Demonstrated) -> None:
-        offset = self._offset
-        self._record(Metadata(name=DEMONSTRATION, metadata=demonstrated.to_metadata()))
-        self._summary.metadata.append(MetadataIndex(offset=offset, length=self._offset - offset, name=DEMONSTRATION))
+        self.adopt_metadata(Metadata(name=DEMONSTRATION, metadata=demonstrated.to_metadata()))
 
     def _record(self, record: Any) -> None:
         self._write(records.packed(record))
