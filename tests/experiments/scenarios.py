@@ -141,7 +141,7 @@ class Scenario:
             ways = (*self._relevant(script), *(_as_steps(goal) for goal in self.goals))
             if spots is None or not all(_possible(self, spots, steps) for steps in ways):
                 continue
-            if script is None or not any(_stands_there(spots, step) for step in _first_steps(script)):
+            if script is None or _worth_showing(spots, script):
                 return spots
         raise RuntimeError(f"no start was found for {self.name}; its objects do not fit on the table")
 
@@ -210,13 +210,15 @@ def _as_steps(goal: Goal) -> tuple[Step, ...]:
     return tuple(Step("place", r.object, r.frame, r.at) for r in goal if isinstance(r, Rests))
 
 
-def _first_steps(script: tuple[Step, ...]) -> tuple[Step, ...]:
-    return tuple({step.object: step for step in reversed(script)}.values())
-
-
-def _stands_there(spots: Mapping[str, Spot], step: Step) -> bool:
-    there = spots.get(step.frame, ORIGIN).compose(Spot(*step.at, 0.0))
-    return math.hypot(spots[step.object].x - there.x, spots[step.object].y - there.y) < WORTH_MOVING_M
+def _worth_showing(spots: Mapping[str, Spot], script: tuple[Step, ...]) -> bool:
+    """Whether every step moves its object away from where it stands."""
+    now = dict(spots)
+    for step in script:
+        before, there = now[step.object], now.get(step.frame, ORIGIN).compose(Spot(*step.at, step.yaw or 0.0))
+        if math.dist((before.x, before.y), (there.x, there.y)) < WORTH_MOVING_M:
+            return False
+        now[step.object] = there
+    return True
 
 
 def _possible(scenario: Scenario, spots: Mapping[str, Spot], steps: tuple[Step, ...]) -> bool:

@@ -54,7 +54,7 @@ def test_three_demonstrations_of_one_user_make_a_working_tree(name: str) -> None
 
 
 def test_the_demonstrations_of_all_users_together_make_a_working_tree() -> None:
-    result = compute(Cell("users", "tower_and_box", "treewright", "all", 3, 0, 11))
+    result = compute(Cell("users", "tower_and_box", "treewright", "all", 1, 0, 11))
     assert successes(runs_of([result], plain)) == len(runs_of([result], plain))
     assert result["nodes"] <= limit([result])
 
