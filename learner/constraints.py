@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import TypeVar
 
-from learner.model import Action, Condition, ObjectAt, ObjectRoughlyAt, compatible
+from learner.model import Action, Condition, InGripper, ObjectAt, ObjectRoughlyAt, compatible
+from learner.model.names import NONE
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -48,7 +49,8 @@ def guards(
 def goals(sequence: Sequence[Key], actions: Mapping[Key, Action]) -> tuple[Condition, ...]:
     """The goal of one demonstration: post-conditions gathered from its end backwards while compatible.
 
-    In the order in which they were achieved; the gripper's come last.
+    In the order in which they were achieved; the gripper's come last, with a held object before the closed gripper:
+    the gripper has to open before it can hold something.
     """
     found: dict[Condition, None] = {}
     for key in reversed(sequence):
@@ -56,7 +58,12 @@ def goals(sequence: Sequence[Key], actions: Mapping[Key, Action]) -> tuple[Condi
             if all(compatible(condition, other) for other in found):
                 found[condition] = None
     positions = [condition for condition in found if isinstance(condition, ObjectAt | ObjectRoughlyAt)]
-    return (*reversed(positions), *(condition for condition in found if condition not in positions))
+    rest = sorted((c for c in found if c not in positions), key=lambda c: not _holds_something(c))
+    return (*reversed(positions), *rest)
+
+
+def _holds_something(condition: Condition) -> bool:
+    return isinstance(condition, InGripper) and condition.object != NONE
 
 
 def _positions(action: Action) -> list[Condition]:

@@ -19,7 +19,7 @@ def questions(
     base = demonstrations[0].base_frame
     unsure = [t for t in targets if t.supported and t.certainty < parameters.sure and t.rival() is not None]
     asked = [_question(target, base) for target in sorted(unsure, key=lambda t: (t.certainty, t.object, t.members))]
-    if not any(target.supported for target in targets):
+    if targets and not any(target.supported for target in targets):
         asked.insert(0, _more(demonstrations, parameters))
     return asked
 

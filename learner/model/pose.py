@@ -21,11 +21,18 @@ Array = NDArray[np.float64]
 IDENTITY_XYZW: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
+def cross(a: Array, b: Array) -> Array:
+    """The cross product (..., 3); numpy's own takes three times as long for the few vectors that poses have."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
 def multiply(a_xyzw: Array, b_xyzw: Array) -> Array:
     """Hamilton product (..., 4): the rotation b, then a."""
     av, aw = a_xyzw[..., :3], a_xyzw[..., 3:]
     bv, bw = b_xyzw[..., :3], b_xyzw[..., 3:]
-    vector = aw * bv + bw * av + np.cross(av, bv)
+    vector = aw * bv + bw * av + cross(av, bv)
     scalar = aw * bw - np.sum(av * bv, axis=-1, keepdims=True)
     return np.concatenate([vector, scalar], axis=-1)
 
@@ -38,8 +45,8 @@ def conjugate(quaternion_xyzw: Array) -> Array:
 def rotate(quaternion_xyzw: Array, points: Array) -> Array:
     """`points` (..., 3) turned by unit quaternions (..., 4)."""
     axis, scalar = quaternion_xyzw[..., :3], quaternion_xyzw[..., 3:]
-    cross = 2.0 * np.cross(axis, points)
-    return np.asarray(points + scalar * cross + np.cross(axis, cross))
+    twice = 2.0 * cross(axis, points)
+    return np.asarray(points + scalar * twice + cross(axis, twice))
 
 
 def express(points: Array, frame_positions: Array, frame_quaternions_xyzw: Array) -> Array:
