@@ -17,6 +17,8 @@ class Learned:
     tree: Tree
     report: dict[str, Any]
     notes: tuple[str, ...]
+    certificate: dict[str, Any] | None = None
+    """What was proven of the tree: see learner.proof.Certificate."""
 
 
 def main_id(demonstrations: Sequence[Demonstration]) -> str:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
+
+import numpy as np
 
 from learner.errors import NothingLearnedError
 from learner.learned import Learned
 from learner.model import Demonstration
 from learner.paper import learn_plainly
 from learner.parameters import Parameters
+from learner.proof import Certificate, prove
 from learner.treewright import learn_robustly
 
 Method = Callable[[Sequence[Demonstration], Parameters], Learned]
@@ -23,7 +27,8 @@ def learn(
 ) -> Learned:
     """The tree that `method` learns from demonstrations of one task; the same input gives the same bytes.
 
-    The order in which the demonstrations come does not matter. Raises NothingLearnedError for no demonstrations,
+    The tree is proven in the world of its own conditions (learner.proof): the certificate says what was found. The
+    order in which the demonstrations come does not matter. Raises NothingLearnedError for no demonstrations,
     for demonstrations of several tasks or base frames, for an unknown method, and where no tree follows.
     """
     if method not in METHODS:
@@ -37,4 +42,11 @@ def learn(
                 f"the demonstrations differ in their {what.replace('_', ' ')}: {', '.join(names)}"
             )
     ordered = sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
-    return METHODS[method](ordered, parameters or Parameters())
+    learned = METHODS[method](ordered, parameters or Parameters())
+    certificate = prove(learned.tree, ordered[0].base_frame, np.random.default_rng(0))
+    notes = learned.notes if certificate.counterexample is None else (*learned.notes, _unproven(certificate))
+    return replace(learned, certificate=certificate.to_data(), notes=notes)
+
+
+def _unproven(certificate: Certificate) -> str:
+    return f"the tree is not proven; it may get only the alias latest: from a state with {certificate.counterexample}"

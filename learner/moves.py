@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,11 +15,16 @@ from learner.samples import Sample
 
 @dataclass(frozen=True)
 class Move:
-    """One object, picked and released; `release` is None for a pick that ends the demonstration."""
+    """One object, picked and released; `release` is None for a pick that ends the demonstration.
+
+    `put_back`: it was put down where it had been picked up. That is a mistake taken back, unless other demonstrations
+    put it there too, for whom it had to come from further away.
+    """
 
     demonstration: int
     pick: DemonstratedAction
     release: DemonstratedAction | None
+    put_back: bool = False
 
     @property
     def object(self) -> str:
@@ -26,16 +32,11 @@ class Move:
 
 
 def moves_of(number: int, demonstration: Demonstration, parameters: Parameters) -> tuple[list[Move], list[str]]:
-    """The moves of one demonstration that belong to the task, and a note on each that was left out.
-
-    Left out are an object put back to where it was picked up, and a placement that the very next move corrects.
-    """
+    """The moves of one demonstration, and a note on each that was left out: one that the very next move corrects."""
     kept: list[Move] = []
     notes: list[str] = []
-    for move in _pairs(number, demonstration):
-        if move.release is not None and _displacement_m(demonstration, move) < parameters.put_back_m:
-            notes.append(f"{_where(demonstration, move)}: {move.object} was put back; not part of the task")
-            continue
+    for pair in _pairs(number, demonstration):
+        move = replace(pair, put_back=_displacement_m(demonstration, pair) < parameters.put_back_m)
         if kept and kept[-1].object == move.object and kept[-1].release is not None:
             notes.append(f"{_where(demonstration, kept[-1])}: {move.object} was moved again at once; the last counts")
             kept.pop()
@@ -54,9 +55,9 @@ def _pairs(number: int, demonstration: Demonstration) -> list[Move]:
 
 
 def _displacement_m(demonstration: Demonstration, move: Move) -> float:
-    """How far the object came in the base [m] from where it was picked up to where it rests."""
-    assert move.release is not None
-    assert move.release.rest is not None
+    """How far the object came in the base [m] from where it was picked up to where it rests; inf if it is held."""
+    if move.release is None or move.release.rest is None:
+        return math.inf
     before = move.pick.objects[move.object].position
     after = move.release.rest[demonstration.base_frame].position
     return float(np.linalg.norm(np.subtract(after, before)))

@@ -60,6 +60,8 @@ class Parameters:
     """By so much a frame in contact is likelier beforehand than the base; the base than a frame further away."""
     sure: float = 0.95
     """Below this posterior probability of a frame the learner asks for a demonstration."""
+    transient: float = 0.05
+    """If all frames in which an object stays have less than this probability together, its placement does not last."""
     put_back_m: float = PLACE_RADIUS_M
     """An object put down this near to where it was picked up has not been moved: a mistake put back."""
     drop_height_m: float = 0.03

@@ -28,8 +28,8 @@ OCCUPY_RADIUS_M = 0.045
 """An object this near to a place leaves no room there for another of 5 cm."""
 SPOTS = 4
 """So many spots are tried for what is put aside."""
-LEVELS = 3
-"""So high a pile is taken down."""
+LEVELS = 5
+"""So many objects upon one are taken down."""
 ON_TABLE_M = 0.015
 """An object at most this much higher than the lowest of its shape stood on the table."""
 WIDE_M = 0.12
@@ -84,7 +84,8 @@ class Recovery:
         name, place = step.target.object, self.actions.placements[step.target]
         settled = {target.object for target in done} - {name}
         occupied = [condition for condition in self._occupations(step) if condition.object not in settled]
-        occupied += [cover.condition for cover in self._raised(step) if cover.object not in settled]
+        if self._own_target(place.frame):
+            occupied += [cover.condition for cover in self._raised(step) if cover.object not in settled]
         grounded = self._grounded(done)
         covers = [cover for cover in self._covers_of(name) if cover.object not in grounded]
         if not occupied and not covers:
@@ -100,6 +101,25 @@ class Recovery:
         )
         self._definitions[tree_id] = Definition(tree_id, body)
         return (subtree(tree_id),)
+
+    def standing(self, step: Step) -> Sequence[Node]:
+        """What takes a step's reference down that was put upon something, before anything is built in its frame.
+
+        Only for a reference that the task itself leaves where it is.
+        """
+        frame = self.actions.placements[step.target].frame
+        raised = [] if self._own_target(frame) else self._raised(step)
+        if not raised:
+            return ()
+        tree_id = f"{RECOVERY_PREFIX}Stand_{identifier(frame)}"
+        clear = sequence(*(_not(cover.condition) for cover in raised))
+        lifts = _first([_then(cover.condition, self._lift(frame)) for cover in raised])
+        body = fallback(clear, sequence(self._put_down(), lifts), reactive=False)
+        self._definitions[tree_id] = Definition(tree_id, body)
+        return (subtree(tree_id),)
+
+    def _own_target(self, name: str) -> bool:
+        return any(target.object == name for target in self.targets)
 
     def _grounded(self, done: Sequence[Target]) -> set[str]:
         """The objects of targets whose frame cannot be moved by hand, or is grounded itself."""

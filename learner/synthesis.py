@@ -90,10 +90,12 @@ class _Builder:
 
     def _steps(self, steps: Sequence[Step], done: Sequence[Step]) -> list[Node]:
         """Steps in a row; `done` are those that earlier siblings have just checked."""
-        return [
-            fallback(self._condition(step), self._chain(step, (*done, *steps[:place])))
-            for place, step in enumerate(steps)
-        ]
+        nodes: list[Node] = []
+        for place, step in enumerate(steps):
+            earlier = (*done, *steps[:place])
+            nodes += [node for node in self.recovery.standing(step) if node not in nodes]
+            nodes.append(fallback(self._condition(step), self._chain(step, earlier)))
+        return nodes
 
     def _condition(self, step: Step) -> Node:
         return leaf(self._placement(step).achieves)

@@ -144,20 +144,26 @@ class TargetFinder:
             turns[seen[demonstration]].append(number)
             seen[demonstration] += 1
         kept = [members for members in turns.values() if self._quorum(members)]
-        return [self._target(tuple(members), None, self._evidence(members), k) for k, members in enumerate(kept)]
+        found = [(tuple(members), self._evidence(members)) for members in kept]
+        return [self._target(members, None, frames, k) for k, (members, frames) in enumerate(found) if frames]
 
     def _evidence(self, members: Sequence[int]) -> dict[str, float]:
-        """The posterior probability of every frame that all members know and keep their place in."""
+        """The posterior probability of every frame that all members know and keep their place in.
+
+        Empty if the evidence speaks for a frame in which the object does not stay: a placement that does not last.
+        """
         samples = [self._sample(number) for number in members]
         p, logs, odds = self.parameters, {}, {}
         sigma_m = p.drop_sigma_m if self._dropped(members) else p.place_sigma_m
         frames = [frame for frame in candidate_frames(samples) if all(frame in s.frames for s in samples)]
-        lasting = [frame for frame in frames if self._lasts(frame, members)]
-        for frame in lasting or frames:
+        for frame in frames:
             points = positions_in(frame, samples, range(len(samples)), "rest")[1]
             logs[frame] = log_density(points, sigma_m, p.sigma_shape)
             odds[frame] = self._odds(frame, samples)
-        return posterior(logs, odds)
+        shares = posterior(logs, odds)
+        lasting = {frame: share for frame, share in shares.items() if self._lasts(frame, members)}
+        total = sum(lasting.values())
+        return {frame: share / total for frame, share in lasting.items()} if total > p.transient else {}
 
     def _odds(self, frame: str, samples: Sequence[Sample]) -> float:
         if frame == samples[0].base_frame:

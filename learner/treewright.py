@@ -30,13 +30,14 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
         found, left_out = moves_of(number, demonstration, parameters)
         moves += found
         notes += left_out
-    if not moves:
+    if all(move.put_back for move in moves):
         raise NothingLearnedError("no object was moved in any demonstration: everything was put back where it was")
     finder = TargetFinder(demonstrations, moves, parameters)
     targets = finder.find()
     chains = _chains(len(demonstrations), moves, targets)
     if not any(chains.values()) and any(move.release for move in moves):
-        targets = [finder.alone(number) for number, move in enumerate(moves) if move.release is not None]
+        kept = (number for number, move in enumerate(moves) if move.release is not None and not move.put_back)
+        targets = [finder.alone(number) for number in kept]
         chains = _chains(len(demonstrations), moves, targets)
     notes += _unsupported(demonstrations, moves, targets)
     held = {move.demonstration: move.object for move in moves if move.release is None}
@@ -62,13 +63,16 @@ def _chains(count: int, moves: Sequence[Move], targets: Sequence[Target]) -> dic
     return chains
 
 
+_REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
+
+
 def _unsupported(
     demonstrations: Sequence[Demonstration], moves: Sequence[Move], targets: Sequence[Target]
 ) -> list[str]:  # fmt: skip
     inside = {number for target in targets for number in target.members}
     return [
         f"demonstration {demonstrations[move.demonstration].demonstration_id}, action {move.release.step}: "
-        f"{move.object} was put where no other demonstration puts it; not part of the task"
+        f"{move.object} {_REASONS[move.put_back]}; not part of the task"
         for number, move in enumerate(moves)
         if move.release is not None and number not in inside
     ]

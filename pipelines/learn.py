@@ -128,6 +128,7 @@ def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]
             "nodes_written": learned.tree.nodes_written,
         },
         "scene_known": _scene_known(choice),
+        "certificate": learned.certificate,
         "report": learned.report,
         "notes": list(notes_of(choice, learned)),
     }
