@@ -273,3 +273,32 @@ def repeated(
         scripted(scattered(names, rng), script, f"d{number:03}", users[number % len(users)], rng, scene=scene)
         for number, script in enumerate(scripts)
     ]
+
+
+def hanoi(disks: str = "DEF", pegs: str = "PQR") -> list[Put]:
+    """The moves that bring a tower of `disks`, the topmost first, from the first peg to the second."""
+    towers: dict[str, list[str]] = {peg: [] for peg in pegs}
+    towers[pegs[0]] = list(disks)
+    moves: list[Put] = []
+
+    def carry(count: int, source: str, to: str, spare: str) -> None:
+        if count == 0:
+            return
+        carry(count - 1, source, spare, to)
+        below = towers[to][0] if towers[to] else to
+        moves.append(Put(towers[source].pop(0), below, ON_TOP if towers[to] else (0.0, 0.0, TABLE_M)))
+        towers[to].insert(0, moves[-1].object)
+        carry(count - 1, spare, to, source)
+
+    carry(len(disks), *pegs)
+    return moves
+
+
+def hanoi_start(rng: np.random.Generator, disks: str = "DEF", pegs: str = "PQR") -> dict[str, Pose]:
+    """Pegs anywhere (marks on the table), all disks on the first."""
+    poses = {
+        name: Pose((*pose.position[:2], 0.0), pose.quaternion_xyzw) for name, pose in scattered(pegs, rng, 0.2).items()
+    }
+    for level, disk in enumerate(reversed(disks)):
+        poses[disk] = poses[pegs[0]] @ Pose((0.0, 0.0, TABLE_M + level * CUBE_M))
+    return poses

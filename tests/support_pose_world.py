@@ -6,7 +6,7 @@ assert done(tree, PoseWorld(start))
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from learner.model import Node, Pose, Tree
 from learner.ticking import Status, Ticker
@@ -120,14 +120,14 @@ class PoseWorld:
         return None
 
 
-def run(tree: Tree, world: PoseWorld, ticks: int = 400) -> Status:
+def run(tree: Tree, world: PoseWorld, ticks: int = 400, until: Callable[[PoseWorld], bool] = lambda _: False) -> Status:
     """Tick until the tree succeeds at a tick in which no action ended, or the ticks are used up; the last status."""
     ticker = Ticker(tree.flattened(), world)
     status = Status.RUNNING
     for _ in range(ticks):
         before = len(world.log)
         status = ticker.tick()
-        if status is Status.SUCCESS and len(world.log) == before:
+        if (status is Status.SUCCESS and len(world.log) == before) or until(world):
             break
     return status
 
