@@ -1,0 +1,138 @@
+"""Replay: what is published again is what was recorded, with its timing."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support_recorder import CELL, PREFIX, START, network, recording_cell, wait_for
+
+from learner.learning import learn
+from learner.model import Pose, Recording
+from learner.observation import observe
+from pipelines.cli import main
+from recorder.errors import RecorderError
+from recorder.recording import (
+    ACTION,
+    POSES,
+    Demonstrated,
+    RecordingWriter,
+    messages,
+    pose_message,
+    read_header,
+    read_recording,
+)
+from recorder.replay import Replay, replay
+
+SAMPLES = Path("../shared/data/contract_samples")
+NS = 1_000_000_000
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Two seconds: poses, an action and bytes of no known kind, twenty a second."""
+    demonstrated = Demonstrated("d-1", "t", "u", "elsewhere", "base", "tool0", ("A",), outcome="success")
+    with RecordingWriter(tmp_path / "d-1.mcap", demonstrated) as writer:
+        for number in range(40):
+            stamp_ns = 1_000 * NS + number * NS // 20
+            writer.write(POSES, pose_message(stamp_ns, "base", {"A": Pose((number, 0, 0))}), stamp_ns)
+            writer.write("/sound", bytes([number, 255]), stamp_ns, encoding="audio/raw;8bit")
+        writer.write(ACTION, json.dumps({"stamp_ns": 1_001 * NS, "type": "pick"}).encode(), 1_001 * NS)
+        writer.finish()
+    return tmp_path / "d-1.mcap"
+
+
+def play(session: Any, file: Path, how: Replay) -> list[dict[str, int]]:
+    return list(replay(session, CELL, file, how, threading.Event()))
+
+
+def test_a_replay_recorded_again_is_the_same_byte_for_byte(tmp_path: Path, file: Path) -> None:
+    with recording_cell(tmp_path / "again") as cell:
+        cell.ask("start", START)
+        (sent,) = play(cell.session, file, Replay(rate=20.0))
+        again = Path(cell.ask("stop", {"outcome": "success"})["file"])
+
+    def content(recording: Path) -> list[tuple[str, str, bytes]]:
+        return sorted((c.topic, c.metadata["zenoh_encoding"], m.data) for c, m in messages(recording))
+
+    assert content(again) == content(file)
+    assert sent == {ACTION: 1, POSES: 40, "/sound": 40}
+    assert read_header(again).messages_lost == {ACTION: 0, POSES: 0, "/sound": 0}
+
+
+def test_a_replay_keeps_the_timing_at_its_rate(file: Path) -> None:
+    with network() as (ours, theirs):
+        arrived: list[float] = []
+        with ours.declare_subscriber(f"{PREFIX}/sound", lambda _: arrived.append(time.monotonic())):
+            time.sleep(0.2)
+            play(theirs, file, Replay(rate=4.0))
+            wait_for(lambda: len(arrived) == 40)
+    assert arrived[-1] - arrived[0] == pytest.approx(39 / 20 / 4, rel=0.5)
+
+
+def test_a_replay_starts_where_it_is_told_and_loops(file: Path) -> None:
+    with network() as (_, theirs):
+        loops = play(theirs, file, Replay(rate=50.0, start_s=1.5, loops=3))
+        assert loops == [{POSES: 10, "/sound": 10}] * 3
+        with pytest.raises(RecorderError, match="no messages to replay after 99 s"):
+            play(theirs, file, Replay(start_s=99.0))
+
+
+def test_a_replay_can_move_the_stamps_to_now(tmp_path: Path, file: Path) -> None:
+    with recording_cell(tmp_path / "again") as cell:
+        cell.ask("start", START)
+        before_ns = time.time_ns()
+        play(cell.session, file, Replay(rate=10.0, restamp=True))
+        again = read_recording([Path(cell.ask("stop", {"outcome": "success"})["file"])])
+    stamps = again.tracks["A"].stamps_ns
+    assert before_ns <= stamps[0] < before_ns + 20 * NS
+    assert (stamps[-1] - stamps[0]) / NS == pytest.approx(39 / 20 / 10, abs=1e-6)
+    assert (again.presses[0].stamp_ns - stamps[0]) / NS == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_replay_ends_when_told(file: Path) -> None:
+    stopped = threading.Event()
+    with network() as (_, theirs):
+        loops = replay(theirs, CELL, file, Replay(loops=None, rate=50.0), stopped)
+        assert next(loops)
+        stopped.set()
+        assert list(loops) == []
+
+
+def test_the_command_replays(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(file), "--rate", "40", "--wait", "0", "--listen", "tcp/127.0.0.1:0", "--json"]) == 0
+    ready, loop = map(json.loads, capsys.readouterr().out.splitlines())
+    assert ready == {"ready": True}
+    assert loop == {"loop": 1, "messages": {ACTION: 1, POSES: 40, "/sound": 40}}
+    assert main(["replay", str(file), "--rate", "0"]) == 1
+    assert "--rate is a positive number" in capsys.readouterr().err
+
+
+def test_a_replayed_and_recorded_demonstration_learns_to_the_same_tree(tmp_path: Path) -> None:
+    files = sorted(SAMPLES.glob("object_in_box-*.mcap"))
+    if not files:
+        pytest.skip(f"{SAMPLES} is not here")
+    again: list[Recording] = []
+    with recording_cell(tmp_path) as cell:
+        for file in files:
+            header = read_header(file)
+            request = {
+                "task": header.task,
+                "user": header.user,
+                "objects": list(header.objects),
+                "base_frame": header.base_frame,
+                "end_effector_frame": header.end_effector_frame,
+                "scene": json.loads(header.scene or "null"),
+            }
+            cell.ask("start", request)
+            play(cell.session, file, Replay(rate=8.0))
+            stopped = cell.ask("stop", {"outcome": "success"})
+            assert stopped["lost"] == {ACTION: 0, "/gripper": 0, POSES: 0}
+            again.append(read_recording([Path(stopped["file"])]))
+    first = learn([observe(read_recording([file])) for file in files])
+    second = learn([observe(recording) for recording in again])
+    assert second.tree == first.tree
