@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from learner.model import DemonstratedAction, Demonstration
 from learner.parameters import Parameters
 from learner.samples import Sample
 
@@ -26,10 +27,32 @@ class Verdict:
 
 def fall_m(sample: Sample) -> float | None:
     """How far [m] the object came down from the press to its rest, in the base; None if its rest was not seen."""
-    if not sample.action.rest_seen or sample.action.rest is None:
+    return _fall_m(sample.action, sample.base_frame)
+
+
+def doubts(demonstration: Demonstration, parameters: Parameters) -> Iterator[str]:
+    """Sentences on releases of one demonstration whose label does not fit how high the object was released.
+
+    One demonstration tells height alone, so only what is clear is told: placed from above the drop height, or dropped
+    from below `least_drop_m`. Learning judges all demonstrations together (see `verdict`).
+    """
+    for action in demonstration.actions:
+        fall = None if action.type == "pick" else _fall_m(action, demonstration.base_frame)
+        high = fall is not None and fall > parameters.drop_height_m
+        low = fall is not None and fall < parameters.least_drop_m
+        if fall is not None and (high if action.type == "place" else low):
+            other = "drop" if high else "place"
+            yield (
+                f"action {action.step} ({action.type} {action.object}): released {1000 * fall:.0f} mm above its rest, "
+                f"which fits a {other}; `treewright relabel {demonstration.demonstration_id} {action.step} {other}` "
+                f"corrects it"
+            )
+
+
+def _fall_m(action: DemonstratedAction, base_frame: str) -> float | None:
+    if not action.rest_seen or action.rest is None:
         return None
-    pressed = sample.action.objects[sample.action.object].position[2]
-    return pressed - sample.action.rest[sample.base_frame].position[2]
+    return action.objects[action.object].position[2] - action.rest[base_frame].position[2]
 
 
 def verdict(samples: Sequence[Sample], spread_m: float, on_top: bool, parameters: Parameters) -> Verdict:

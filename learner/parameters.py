@@ -66,6 +66,8 @@ class Parameters:
     """An object put down this near to where it was picked up has not been moved: a mistake put back."""
     drop_height_m: float = 0.03
     """Released from higher above its rest, an object was dropped; from lower, and landing tightly, placed."""
+    least_drop_m: float = 0.01
+    """Called a drop but released from lower above its rest than this, an object may have been placed."""
     tight_m: float = 0.02
     """A set of rests within this of its mean was placed on purpose."""
     place_radius_m: float = PLACE_RADIUS_M

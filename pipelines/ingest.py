@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from learner.errors import LearnerError
+from learner.labels import doubts
 from learner.model import Demonstration
 from learner.observation import observe
+from learner.parameters import Parameters
 from pipelines.home import Home
 from recorder.errors import RecorderError
 from recorder.recording import Demonstrated, read_header, read_recording, sha256_of
@@ -63,14 +65,23 @@ class Harvest:
         return tuple(sorted({demonstration.task for demonstration in self.ingested}))
 
     def to_data(self) -> dict[str, Any]:
-        """The JSON document of CONTRACT, section 4; `waiting` only where a split demonstration lacks a part."""
+        """The JSON document of CONTRACT, section 4.
+
+        `waiting` only where a split demonstration lacks a part, `doubts` only where a label does not seem to fit.
+        """
         document: dict[str, Any] = {
             "ingested": [demonstration.demonstration_id for demonstration in self.ingested],
             "known": list(self.known),
             "quarantined": [{"file": each.file, "reason": each.reason} for each in self.quarantined],
         }
         waiting = [{"demonstration_id": each.demonstration_id, "parts": list(each.parts)} for each in self.waiting]
-        return document | ({"waiting": waiting} if waiting else {})
+        doubts = {each.demonstration_id: sentences for each in self.ingested if (sentences := doubts_about(each))}
+        return document | ({"waiting": waiting} if waiting else {}) | ({"doubts": doubts} if doubts else {})
+
+
+def doubts_about(demonstration: Demonstration) -> list[str]:
+    """Where an operator's label does not fit what was seen, with the evidence."""
+    return list(doubts(demonstration, Parameters()))
 
 
 def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> Harvest:

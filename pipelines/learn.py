@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version as version_of
@@ -138,8 +139,22 @@ def notes_of(choice: Choice, learned: Learned) -> tuple[str, ...]:
     """What a person should know of this tree: the learner's notes, what was left out, and what stood in for what."""
     left_out = (f"{name} was left out: {reason}" for name, reason in choice.left_out.items())
     points = () if _scene_known(choice) else (POINTS,)
-    stand_ins = (f"{d.demonstration_id}: {text}" for d in _ordered(choice.demonstrations) for text in warnings_of(d))
-    return (*learned.notes, *left_out, *points, *stand_ins)
+    return (*learned.notes, *left_out, *points, *_warnings(choice))
+
+
+def _warnings(choice: Choice) -> list[str]:
+    """The warnings of the demonstrations, each once, with those that share it."""
+    sharing: dict[str, list[str]] = defaultdict(list)
+    for demonstration in _ordered(choice.demonstrations):
+        for text in warnings_of(demonstration):
+            sharing[text].append(demonstration.demonstration_id)
+    return [f"{text} (in {_some(names)})" for text, names in sharing.items()]
+
+
+def _some(names: Sequence[str], shown: int = 3) -> str:
+    """The first few names, and how many more."""
+    more = f" and {len(names) - shown} more" if len(names) > shown else ""
+    return ", ".join(names[:shown]) + more
 
 
 def code_version() -> dict[str, str]:

@@ -1,7 +1,8 @@
 """`treewright ingest [FILE…]`: MCAP to the lake, without FILE whatever is new; exits 1 if any was quarantined.
 
 With --json: {"ingested": [id], "known": [id], "quarantined": [{"file", "reason"}]}, and "waiting"
-[{"demonstration_id", "parts"}] where a split demonstration lacks a part.
+[{"demonstration_id", "parts"}] where a split demonstration lacks a part, and "doubts" {id: [sentence]} where a label
+does not seem to fit what was seen.
 """
 
 from __future__ import annotations
@@ -36,11 +37,12 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
 def _tell(harvest: Harvest, console: Console) -> None:
     from learner.observation import warnings_of
+    from pipelines.ingest import doubts_about
 
     for demonstration in harvest.ingested:
         what = f"{demonstration.task} by {demonstration.user}, {len(demonstration.actions)} actions"
         console.say(f"ingested {demonstration.demonstration_id}: {what}, {demonstration.outcome}")
-        for warning in (*warnings_of(demonstration), *demonstration.gaps):
+        for warning in (*warnings_of(demonstration), *demonstration.gaps, *doubts_about(demonstration)):
             console.say(f"  warning: {warning}")
     for waiting in harvest.waiting:
         parts = ", ".join(map(str, waiting.parts))

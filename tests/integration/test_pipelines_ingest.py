@@ -226,3 +226,15 @@ def test_a_data_root_that_is_a_file_is_one_clear_sentence(
 def test_recordings_by_another_writer_are_ingested_as_they_are(home: Home) -> None:
     result = harvest(home, SAMPLES)
     assert (len(result.ingested), result.quarantined) == (14, ())
+
+
+def test_a_label_that_does_not_fit_the_height_of_release_is_doubted_with_the_evidence(
+    home: Home, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    take = object_in_box(1)
+    pick, drop = take.presses()
+    file = take.with_presses([pick, {**drop, "type": "place"}]).write(tmp_path / "placed.mcap")
+    assert main(["ingest", "--json", str(file)]) == 0
+    (sentence,) = json.loads(capsys.readouterr().out)["doubts"]["object_in_box-1"]
+    assert " mm above its rest, which fits a drop" in sentence
+    assert "treewright relabel object_in_box-1 1 drop" in sentence
