@@ -227,8 +227,9 @@ def test_a_glimpse_is_no_rest() -> None:
     assert not observe(tape.wait(1.0).recording()).actions[1].rest_seen
 
 
-def test_a_rest_seen_only_after_the_next_action_on_the_object_does_not_count() -> None:
-    tape = Tape({"A": A, "box": BOX}).pick("A").bring(GOAL).press("place", "A").wait(0.15).grip("open").wait(0.1)
+@pytest.mark.parametrize("seen_s", [0.1, 0.2])
+def test_a_rest_seen_whole_only_after_the_next_action_on_the_object_does_not_count(seen_s: float) -> None:
+    tape = Tape({"A": A, "box": BOX}).pick("A").bring(GOAL).press("place", "A").wait(0.15).grip("open").wait(seen_s)
     tape.press("pick", "A").wait(0.15).grip("closed", "A").wait(0.8).release("place", at(0.3, 0.3))
     first = observe(tape.recording()).actions[1]
     assert not first.rest_seen
