@@ -198,6 +198,10 @@ def test_a_value_that_does_not_fit_is_refused_also_through_the_port_of_a_subtree
         Tree(Definition("main", subtree("Hold", object="A", at=at)), (HOLD,))
 
 
+def single_json(root: str) -> str:
+    return f'{{"format":"{FORMAT}","main":"m","trees":{{"m":{{"ports":[],"root":{root}}}}}}}'
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -212,8 +216,7 @@ def test_a_value_that_does_not_fit_is_refused_also_through_the_port_of_a_subtree
         json.dumps({"format": FORMAT, "main": "m", "trees": {"m": {"ports": [], "root": {"node": "Nothing"}}}}),
         TREE.to_json().replace(FORMAT, "treewright.tree/2"),
         "[" * 100_000,
-        '{"format":"%s","main":"m","trees":{"m":{"ports":[],"root":%s{}%s}}}'
-        % (FORMAT, '{"node":"Inverter","children":[' * 600, "]}" * 600),
+        single_json('{"node":"Inverter","children":[' * 600 + "{}" + "]}" * 600),
     ],
     ids=lambda text: text[:60],
 )
