@@ -6,16 +6,18 @@ Only turns about the axis that stands upright are used: they keep an approach fr
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from learner.model import Pose
 from learner.model.demonstration import Symmetry
-from learner.model.pose import Array, angle_between, conjugate, mean_quaternion, multiply, rotate
+from learner.model.pose import Array, conjugate, mean_quaternion, multiply, rotate
 
 QUARTERS = {"none": 1, "box": 2, "cube": 4}
 """How many turns about an upright axis leave a shape as it is; `vertical` admits any turn about its z axis."""
+REFERENCES = 100
+"""So many of the poses at the most are tried as the one that the others are turned to."""
 
 
 def upright_axis(poses_in_base: Sequence[Pose]) -> Array:
@@ -28,62 +30,65 @@ def upright_axis(poses_in_base: Sequence[Pose]) -> Array:
     return axis
 
 
-def about(axis: Array, angle_rad: float) -> Array:
-    """The quaternion xyzw (4,) of a turn about a unit axis (3,)."""
-    return np.append(axis * math.sin(angle_rad / 2), math.cos(angle_rad / 2))
+def turns(symmetry: Symmetry, axis: Array) -> Array:
+    """The quaternions (k, 4) of the turns about `axis` that look the same; for `vertical` see `nearest_turns`."""
+    angles = 2 * math.pi * np.arange(QUARTERS.get(symmetry, 1)) / QUARTERS.get(symmetry, 1)
+    return np.concatenate([axis * np.sin(angles / 2)[:, None], np.cos(angles / 2)[:, None]], axis=1)
 
 
-def turns(symmetry: Symmetry, axis: Array) -> list[Array]:
-    """The turns about `axis` that look the same; for `vertical` only the identity, see `aligned`."""
-    count = QUARTERS.get(symmetry, 1)
-    return [about(axis, 2 * math.pi * k / count) for k in range(count)]
-
-
-def twist_to(axis: Array, from_xyzw: Array, to_xyzw: Array) -> Array:
-    """The turn q about `axis` for which q * from is nearest to `to` (4,)."""
-    relative = multiply(to_xyzw, conjugate(from_xyzw))
-    twist = np.append(axis * float(relative[:3] @ axis), relative[3])
-    norm = np.linalg.norm(twist)
-    return np.asarray(twist / norm) if norm > 1e-9 else np.array([0.0, 0.0, 0.0, 1.0])
-
-
-def aligned(pose: Pose, reference: Pose, symmetry: Symmetry, axis: Array) -> Pose:
-    """A pose in an object's frame, turned by the object's symmetry to be nearest to a reference orientation."""
-    quaternion, wanted = np.array(pose.quaternion_xyzw), np.array(reference.quaternion_xyzw)
-    candidates = [twist_to(axis, quaternion, wanted)] if symmetry == "vertical" else turns(symmetry, axis)
-    turn = min(candidates, key=lambda q: float(angle_between(multiply(q, quaternion), wanted)))
-    return Pose((0.0, 0.0, 0.0), tuple(turn.tolist())) @ pose
+def nearest_turns(relative: Array, symmetry: Symmetry, axis: Array) -> Array:
+    """Of the turns about `axis` that look the same, those nearest to rotations `relative` (..., 4); same shape."""
+    if symmetry == "vertical":
+        along = np.sum(relative[..., :3] * axis, axis=-1, keepdims=True)
+        twist = np.concatenate([axis * along, relative[..., 3:]], axis=-1)
+        norm = np.linalg.norm(twist, axis=-1, keepdims=True)
+        return np.where(norm > 1e-9, twist / np.maximum(norm, 1e-9), np.array([0.0, 0.0, 0.0, 1.0]))
+    candidates = turns(symmetry, axis)
+    return np.asarray(candidates[np.argmax(np.abs(relative @ candidates.T), axis=-1)])
 
 
 def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, aligned_rad: float) -> Pose:
     """The mean of poses given in an object's frame (grasps), modulo the object's symmetry.
 
-    The reference is the pose that most others agree with; those that do not, at any turn, are left out.
+    The others are turned to the pose that most of them agree with; those that do not, at any turn, are left out.
     """
-    families = [[aligned(pose, reference, symmetry, axis) for pose in poses] for reference in poses]
-    return _mean_of_largest(families, list(poses), aligned_rad)
+    quaternions = np.array([pose.quaternion_xyzw for pose in poses])
+
+    def turned(reference: Array) -> tuple[Array, Array]:
+        turn = nearest_turns(multiply(reference, conjugate(quaternions)), symmetry, axis)
+        return turn, multiply(turn, quaternions)
+
+    turn, aligned, agreeing = _most_agreeing(quaternions, turned, aligned_rad)
+    positions = rotate(turn, np.array([pose.position for pose in poses]))
+    return Pose.of(robust_mean(positions[agreeing]), mean_quaternion(aligned[agreeing]))
 
 
 def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, aligned_rad: float) -> Pose:
     """The mean of an object's poses in some frame (rests), modulo the turns of the object about its own `axis`."""
-    families = [
-        [aligned(pose.inverse(), reference.inverse(), symmetry, axis).inverse() for pose in poses]
-        for reference in poses
-    ]
-    mean = _mean_of_largest(families, list(poses), aligned_rad)
+    quaternions = np.array([pose.quaternion_xyzw for pose in poses])
+
+    def turned(reference: Array) -> tuple[Array, Array]:
+        turn = nearest_turns(multiply(conjugate(quaternions), reference), symmetry, axis)
+        return turn, multiply(quaternions, turn)
+
+    _, aligned, agreeing = _most_agreeing(quaternions, turned, aligned_rad)
     position = robust_mean(np.array([pose.position for pose in poses]))
-    return Pose.of(position, mean.quaternion_xyzw)
+    return Pose.of(position, mean_quaternion(aligned[agreeing]))
 
 
-def _mean_of_largest(families: Sequence[Sequence[Pose]], references: Sequence[Pose], aligned_rad: float) -> Pose:
-    best: list[Pose] = []
-    for family, reference in zip(families, references, strict=True):
-        wanted = np.array(reference.quaternion_xyzw)
-        agreeing = [p for p in family if angle_between(np.array(p.quaternion_xyzw), wanted) < aligned_rad]
-        if len(agreeing) > len(best):
-            best = agreeing
-    position = robust_mean(np.array([pose.position for pose in best]))
-    return Pose.of(position, mean_quaternion(np.array([pose.quaternion_xyzw for pose in best])))
+def _most_agreeing(
+    quaternions: Array, turned: Callable[[Array], tuple[Array, Array]], aligned_rad: float
+) -> tuple[Array, Array, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+    """The turns (n, 4) to the best reference, the orientations so turned (n, 4), and which agree with it (n,)."""
+    step = max(1, len(quaternions) // REFERENCES)
+    best: tuple[Array, Array, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]] | None = None
+    for reference in quaternions[::step]:
+        turn, aligned = turned(reference)
+        agreeing = 2 * np.arccos(np.clip(np.abs(aligned @ reference), 0.0, 1.0)) < aligned_rad
+        if best is None or agreeing.sum() > best[2].sum():
+            best = (turn, aligned, agreeing)
+    assert best is not None
+    return best
 
 
 def robust_mean(points: Array, floor_m: float = 0.005) -> Array:

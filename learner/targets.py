@@ -183,8 +183,9 @@ class TargetFinder:
         rest = np.array(sample.rest(frame).position)
         for world in _worlds_after(demonstration, sample.action.step, name):
             if name in world and (frame in world or frame == sample.base_frame):
-                base = Pose((0.0, 0.0, 0.0)) if frame == sample.base_frame else world[frame]
-                if np.linalg.norm(np.array((base.inverse() @ world[name]).position) - rest) > LOST_M:
+                at = np.array(world[name].position)
+                here = at if frame == sample.base_frame else world[frame].locate(at)
+                if np.linalg.norm(here - rest) > LOST_M:
                     return False
         return True
 
