@@ -12,7 +12,7 @@ from support_demonstrations import GRASP, POSES, at, turned
 
 from learner.model import Pose
 from learner.model.demonstration import Symmetry
-from learner.model.pose import Array, angle_between, conjugate, multiply
+from learner.model.pose import angle_between
 from learner.rounding import rounded, rounded_pose
 from learner.symmetry import mean_in_object, mean_of_object, robust_mean, upright_axis
 
@@ -33,12 +33,6 @@ def angle(a: Pose, b: Pose) -> float:
 def off(a: Pose, b: Pose, count: int) -> float:
     """The angle [rad] between grasps of an object of which `count` turns look the same."""
     return min(angle(turn(2 * math.pi / count * k) @ a, b) for k in range(count))
-
-
-def aligned(pose: Pose, reference: Pose, symmetry: Symmetry, axis: Array) -> Pose:
-    """A pose turned by the symmetry to be nearest to the reference."""
-    relative = multiply(np.array(reference.quaternion_xyzw), conjugate(np.array(pose.quaternion_xyzw)))
-    return Pose.of((0.0, 0.0, 0.0), nearest_turns(relative, symmetry, axis)) @ pose
 
 
 @settings(max_examples=40, deadline=None)
