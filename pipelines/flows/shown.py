@@ -41,7 +41,8 @@ def show_lesson(lesson: Lesson, learned: Learned) -> None:
     picture = base64.b64encode(to_svg(learned.tree).encode()).decode()
     name = f"{lesson.task}@{lesson.version}"
     create_image_artifact(f"data:image/svg+xml;base64,{picture}", artifact_key("tree", lesson.task), f"tree of {name}")
-    create_markdown_artifact(_page(lesson), artifact_key("lesson", lesson.task), f"what was learned as {name}")
+    page = _page(lesson, learned.certificate)
+    create_markdown_artifact(page, artifact_key("lesson", lesson.task), f"what was learned as {name}")
 
 
 def artifact_key(what: str, task: str) -> str:
@@ -57,11 +58,12 @@ def _cells(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _page(lesson: Lesson) -> str:
+def _page(lesson: Lesson, certificate: Mapping[str, Any] | None) -> str:
     notes = "".join(f"- {note}\n" for note in lesson.notes) or "Nothing is in doubt.\n"
+    proof = "".join(f"- {name}: {value}\n" for name, value in (certificate or {}).items()) or "None was made.\n"
     size = f"{lesson.nodes} nodes and {lesson.nodes_recovery} that only recover"
     novelty = "new" if lesson.new else "as it was"
     return (
         f"# {lesson.task}@{lesson.version}\n\n{size}; {novelty}; aliases {', '.join(lesson.aliases)}.\n\n"
-        f"Digest `{lesson.digest}`\n\n## Notes\n\n{notes}"
+        f"Digest `{lesson.digest}`\n\n## Notes\n\n{notes}\n## Proof\n\n{proof}"
     )
