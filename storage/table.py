@@ -14,6 +14,7 @@ from typing import Any, Final
 import pyarrow as pa
 from deltalake import CommitProperties, DeltaTable, Transaction, WriterProperties, write_deltalake
 from deltalake.exceptions import CommitFailedError, DeltaError, TableNotFoundError
+from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 
 from storage.errors import StorageUnavailableError
 
@@ -45,7 +46,10 @@ class Table:
             wanted = list(columns) if columns else self.schema.names
             if table is None:
                 return self.schema.empty_table().select(wanted)
-            return table.to_pyarrow_table(columns=wanted, filters=filters or None)
+            # Not through deltalake's own file system, which is Python: one of Arrow's threads may still close a file
+            # there when the interpreter ends, and then the whole process aborts.
+            local = SubTreeFileSystem(str(self.path), LocalFileSystem())
+            return table.to_pyarrow_table(columns=wanted, filesystem=local, filters=filters or None)
 
     def committed(self, applications: Iterable[str]) -> set[str]:
         """Those of `applications` that ever committed."""
