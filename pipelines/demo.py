@@ -118,7 +118,7 @@ def _one_demonstration(session: zenoh.Session, rng: np.random.Generator) -> dict
 def _learn(line: Line, say: Say) -> dict[str, Any]:
     """Let the flows ingest and learn; returns the manifest, as the store serves it."""
     say(f"3. the flows ingest and learn, to be seen on {line.prefect.removesuffix('/api')}")
-    run_story(line.prefect, STORY_S)
+    run_story(line.home, line.prefect, STORY_S)
     manifest: dict[str, Any] = _get_json(f"{line.http}/v1/tasks/{TASK}/latest")
     sources = len(manifest["lineage"]["demonstrations"])
     size = f"{manifest['nodes']} nodes, and {manifest['nodes_recovery']} that only recover"

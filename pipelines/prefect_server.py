@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import socket
@@ -74,9 +75,10 @@ def flow_runner(
     Raises ChildFailedError and StoppedError as `prefect_server` does.
     """
     own = {**QUIET, "PREFECT_HOME": str(home.prefect), "PREFECT_API_URL": url}
+    deployed = f"{url}/deployments/name/story/{deployment_name(home)}"
     command = [sys.executable, "-m", "pipelines.flows.deployments", str(home.root), str(period_s)]
     with Child("runner of the flows", command, {**environment, **own}, home.logs / "flows.log") as child:
-        _await(child, stop, lambda: _answer(f"{url}/deployments/name/story/line") is not None)
+        _await(child, stop, lambda: _answer(deployed) is not None)
         yield child
 
 
@@ -93,12 +95,17 @@ def answers(url: str) -> bool:
     return _answer(f"{url}/health") is True
 
 
-def run_story(url: str, timeout_s: float) -> None:
-    """Let the server at `url` run the story now, and wait until it is done.
+def deployment_name(home: Home) -> str:
+    """What our flows are deployed as: of a data root its own, so that several may share a server."""
+    return f"line-{hashlib.sha256(str(home.root).encode()).hexdigest()[:8]}"
+
+
+def run_story(home: Home, url: str, timeout_s: float) -> None:
+    """Let the server at `url` run the story of a data root now, and wait until it is done.
 
     Raises CommandError with Prefect's words if it does not complete within `timeout_s` [s].
     """
-    deployment = _ask(f"{url}/deployments/name/story/line")
+    deployment = _ask(f"{url}/deployments/name/story/{deployment_name(home)}")
     run = _ask(f"{url}/deployments/{deployment['id']}/create_flow_run", {"state": {"type": "SCHEDULED"}})
     deadline_s = time.monotonic() + timeout_s
     while run["state_type"] not in FINAL and time.monotonic() < deadline_s:

@@ -17,28 +17,28 @@ from prefect.types.entrypoint import EntrypointType
 from pipelines.flows.ingest import ingest_flow
 from pipelines.flows.learn import learn_flow
 from pipelines.flows.story import story_flow
+from pipelines.home import Home
+from pipelines.prefect_server import deployment_name
 
-DEPLOYMENT: Final = "line"
-"""The name of each flow's deployment: `story/line`, `ingest/line`, `learn/line`."""
 POLL_S: Final = 2.0
 
 
-def serve_flows(root: Path, period_s: float) -> None:
+def serve_flows(home: Home, period_s: float) -> None:
     """Deploy the flows for a data root and run what is scheduled, until SIGINT or SIGTERM."""
     serve(
-        _deployed(story_flow, root, interval=timedelta(seconds=period_s)),
-        _deployed(ingest_flow, root),
-        _deployed(learn_flow, root),
+        _deployed(story_flow, home, interval=timedelta(seconds=period_s)),
+        _deployed(ingest_flow, home),
+        _deployed(learn_flow, home),
         limit=1,
         print_starting_message=False,
         query_seconds=POLL_S,
     )
 
 
-def _deployed(flow: Flow[..., Any], root: Path, **schedule: Any) -> RunnerDeployment:
+def _deployed(flow: Flow[..., Any], home: Home, **schedule: Any) -> RunnerDeployment:
     deployment = flow.to_deployment(
-        DEPLOYMENT,
-        parameters={"root": str(root)},
+        deployment_name(home),
+        parameters={"root": str(home.root)},
         paused=False,
         # By file path Prefect would import a second copy of our classes.
         entrypoint_type=EntrypointType.MODULE_PATH,
@@ -49,4 +49,4 @@ def _deployed(flow: Flow[..., Any], root: Path, **schedule: Any) -> RunnerDeploy
 
 
 if __name__ == "__main__":
-    serve_flows(Path(sys.argv[1]), float(sys.argv[2]))
+    serve_flows(Home(Path(sys.argv[1])), float(sys.argv[2]))
