@@ -61,9 +61,12 @@ def verdict(samples: Sequence[Sample], spread_m: float, on_top: bool, parameters
     `spread_m` is the greatest distance of a rest to their mean; `on_top` tells that the object rests upon another
     one, where a drop's cylinder cannot tell on from beside. So: what rests tightly on another was placed; what fell
     from above the drop height, or lies further apart than a placement may, was dropped; what was set down low and
-    tightly was placed. In between, and where no rest was seen, the operator is right.
+    tightly was placed. In between, and where no rest was seen, the operator is right; a person who relabelled is.
     """
-    chosen = _majority([sample.action.type for sample in samples])
+    by_person = [sample.action.type for sample in samples if sample.action.relabelled]
+    chosen = _majority(by_person or [sample.action.type for sample in samples])
+    if by_person:
+        return Verdict(chosen, chosen, "a person gave this label afterwards")
     falls = [fall for fall in map(fall_m, samples) if fall is not None]
     if not falls:
         return Verdict(chosen, chosen, "the object was not seen at rest; the operator's label stands")

@@ -43,6 +43,8 @@ class Parameters:
     """Neighbourhood of placements: ten times the hand's noise of 3 mm, below the 5 cm between two stacked cubes."""
     eps_wide_m: float = 0.08
     """Neighbourhood where the narrow one finds nothing, and of what was dropped (the paper's)."""
+    eps_pair_m: float = 0.015
+    """Two placements this near are no chance where an object has no cluster at all."""
     min_samples: int = 3
     """At least so many actions make a cluster (paper, section III-E)."""
     min_share: float = 0.3
@@ -77,8 +79,9 @@ class Parameters:
     """Nor so small that 3 mm and 1 degree of perception noise make the robot redo its work."""
     spread_radii: float = 4.0
     """A radius is this many standard deviations of the rests, plus the noise of perception."""
-    aligned_rad: float = math.radians(25)
-    """Orientations within this of one another are one orientation."""
+    aligned_rad: float = math.radians(12)
+    """Orientations within this of the densest are averaged with it: several times the hand's noise, within a grasp's
+    tolerance."""
 
     def samples_for(self, demonstrations: int) -> int:
         """The samples that make a cluster of so many demonstrations."""

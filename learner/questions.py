@@ -50,9 +50,10 @@ def _contrast(frame: str, rival: str, base: str) -> str:
 def _more(demonstrations: Sequence[Demonstration], parameters: Parameters) -> dict[str, Any]:
     count = len(demonstrations)
     missing = max(parameters.min_samples - count, 1)
+    where = "there" if count == 1 else f"in one of them (first of all {demonstrations[0].demonstration_id})"
     sentence = (
         f"from {count} demonstration{'s' if count > 1 else ''} the tree works only where things start as they did "
-        f"there; show {missing} more, with every object moved to another place"
+        f"{where}; show {missing} more, with every object moved to another place"
     )
-    return {"action": None, "frame": demonstrations[0].base_frame, "rival": None, "certainty": 0.0,
+    return {"action": None, "frame": demonstrations[0].base_frame, "rival": None, "certainty": None,
             "show": "move every object to another place", "sentence": sentence}  # fmt: skip

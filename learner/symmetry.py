@@ -79,15 +79,18 @@ def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, align
 def _most_agreeing(
     quaternions: Array, turned: Callable[[Array], tuple[Array, Array]], aligned_rad: float
 ) -> tuple[Array, Array, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
-    """The turns (n, 4) to the best reference, the orientations so turned (n, 4), and which agree with it (n,)."""
+    """The turns (n, 4) to the best reference, the orientations so turned (n, 4), and which agree with it (n,).
+
+    The best reference is the one about which the orientations lie densest.
+    """
     step = max(1, len(quaternions) // REFERENCES)
-    best: tuple[Array, Array, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]] | None = None
+    densest, best = -1.0, (quaternions, quaternions, np.ones(len(quaternions), dtype=np.bool_))
     for reference in quaternions[::step]:
         turn, aligned = turned(reference)
-        agreeing = 2 * np.arccos(np.clip(np.abs(aligned @ reference), 0.0, 1.0)) < aligned_rad
-        if best is None or agreeing.sum() > best[2].sum():
-            best = (turn, aligned, agreeing)
-    assert best is not None
+        angles = 2 * np.arccos(np.clip(np.abs(aligned @ reference), 0.0, 1.0))
+        density = float(np.exp(-((2 * angles / aligned_rad) ** 2)).sum())
+        if density > densest + 1e-9:
+            densest, best = density, (turn, aligned, angles < aligned_rad)
     return best
 
 

@@ -20,6 +20,8 @@ from learner.moves import Move, release_sample
 from learner.parameters import Parameters
 from learner.samples import Sample, candidate_frames, positions_in
 
+LIKELY = 0.02
+"""A frame with at least this posterior probability may stand in for one that the task keeps rigid with it."""
 LOST_M = 0.04
 """An object further than this from where it rested in a frame has not kept its place in that frame."""
 
@@ -95,7 +97,24 @@ class TargetFinder:
             while cluster := self._best(sorted(left), eps_m):
                 found += self._contexts(cluster)
                 left -= set(cluster.members)
+        found = found or self._pairs(numbers)
         return sorted(found, key=lambda target: (self._when(target.members), target.members))
+
+    def _pairs(self, numbers: Sequence[int]) -> list[Target]:
+        """Targets of an object that fewer demonstrations share than make a cluster, though too near for chance.
+
+        Only where there are enough demonstrations to tell, and most of them move the object: it belongs to the task.
+        """
+        count = len({self._sample(number).demonstration for number in numbers})
+        if len(self.demonstrations) < self.parameters.min_samples or 2 * count <= len(self.demonstrations):
+            return []
+        lenient = TargetFinder(self.demonstrations, self.moves, self.parameters)
+        lenient.min_samples, lenient.min_users = 2, 1
+        left, found = set(numbers), []
+        while cluster := lenient._best(sorted(left), self.parameters.eps_pair_m):
+            found += lenient._contexts(cluster)
+            left -= set(cluster.members)
+        return found
 
     def _neighbourhoods(self, numbers: Sequence[int]) -> tuple[float, ...]:
         """The narrow neighbourhood first, which tells neighbouring placements apart; for drops the wide one alone."""
@@ -127,7 +146,8 @@ class TargetFinder:
         known, points = positions_in(cluster.frame, samples, range(len(samples)), "rest")
         labels = dbscan(points, eps_m, self.min_samples)
         away = np.linalg.norm(points - np.array(cluster.mean), axis=1)
-        strays = {numbers[known[i]] for i in np.flatnonzero((labels < 0) & (away < self.parameters.eps_wide_m))}
+        reach_m = max(eps_m, self.parameters.eps_wide_m) if eps_m >= self.parameters.eps_place_m else eps_m
+        strays = {numbers[known[i]] for i in np.flatnonzero((labels < 0) & (away < reach_m))}
         return replace(cluster, members=tuple(sorted(strays | set(cluster.members))))
 
     def _quorum(self, numbers: Sequence[int]) -> bool:
@@ -168,9 +188,12 @@ class TargetFinder:
     def _odds(self, frame: str, samples: Sequence[Sample]) -> float:
         if frame == samples[0].base_frame:
             return 1.0
-        away = np.median([np.linalg.norm(sample.rest(frame).position) for sample in samples])
+        away = self._away(frame, samples)
         odds = self.parameters.contact_odds
-        return odds * (1.1 - float(away)) if away < self.parameters.contact_m else 1 / odds
+        return odds * (1.1 - away) if away < self.parameters.contact_m else 1 / odds
+
+    def _away(self, frame: str, samples: Sequence[Sample]) -> float:
+        return float(np.median([np.linalg.norm(sample.rest(frame).position) for sample in samples]))
 
     def _lasts(self, frame: str, members: Sequence[int]) -> bool:
         """Whether the object kept its place in the frame in most demonstrations until it was moved again."""
@@ -226,7 +249,24 @@ class TargetFinder:
             for frame in target.frames
             if frame != target.frame and self._rigid_by_task(frame, target.frame, target, targets)
         }
-        return replace(target, tied=frozenset(tied))
+        frame = self._firmest(target, tied)
+        if frame == target.frame:
+            return replace(target, tied=frozenset(tied))
+        moved = self._target(target.members, frame, target.frames, target.context)
+        return replace(moved, tied=frozenset(tied | {target.frame}) - {frame})
+
+    def _firmest(self, target: Target, tied: set[str]) -> str:
+        """Of frames that the task keeps rigid the one with the least lever arm: in contact, else the base.
+
+        Far from its origin a frame's own noise of a degree moves a place by centimetres.
+        """
+        base = self._sample(target.members[0]).base_frame
+        samples = [self._sample(number) for number in target.members]
+        alike = [frame for frame, share in target.frames.items() if frame in tied and share > LIKELY]
+        if target.frame == base or self._away(target.frame, samples) < self.parameters.contact_m:
+            return target.frame
+        near = [frame for frame in alike if frame != base and self._away(frame, samples) < self.parameters.contact_m]
+        return near[0] if near else base if base in alike else target.frame
 
     def _rigid_by_task(self, a: str, b: str, target: Target, targets: Sequence[Target]) -> bool:
         """Whether a chain of earlier placements fixes a relative to b."""

@@ -282,7 +282,9 @@ def _corrected(demonstration: Demonstration, corrections: Iterable[Row]) -> Entr
         else:
             excluded = row["kind"] == "exclude"
     changed = {a.step: a.type for a in demonstration.actions if types.get(a.step, a.type) != a.type}
-    actions = tuple(replace(a, type=types.get(a.step, a.type)) for a in demonstration.actions)
+    actions = tuple(
+        replace(a, type=types[a.step], relabelled=True) if a.step in types else a for a in demonstration.actions
+    )
     return Entry(replace(demonstration, actions=actions), excluded, changed)
 
 

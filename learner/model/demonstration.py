@@ -50,6 +50,8 @@ class DemonstratedAction:
     rest: Mapping[str, Pose] | None = None
     rest_seen: bool = True
     warnings: tuple[str, ...] = ()
+    relabelled: bool = False
+    """Whether a person gave the type afterwards: the label check leaves it as it is."""
 
 
 @dataclass(frozen=True)

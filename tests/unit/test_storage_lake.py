@@ -152,7 +152,8 @@ def test_a_relabelled_action_has_its_new_type_and_the_original_is_kept(lake: Lak
     assert lake.demonstrations() == [entry.demonstration]
     assert lake.relabel("d1", 2, "drop")
     assert lake.entry("d1").demonstrated_types == {}
-    assert lake.demonstrations() == [demonstration()]
+    (confirmed,) = lake.demonstrations()
+    assert [(action.type, action.relabelled) for action in confirmed.actions] == [("pick", False), ("drop", True)]
 
 
 def test_corrections_that_cannot_be_are_refused_and_named(lake: Lake) -> None:
