@@ -6,6 +6,7 @@ outside the data root, a copy is kept in `quarantine/`, named by its digest. One
 
 from __future__ import annotations
 
+import secrets
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -262,9 +263,12 @@ def _keep(home: Home, file: Path) -> str | None:
     place = home.quarantine / f"{sha256}{RECORDING}"
     if not file.is_relative_to(home.root) and not place.exists():
         place.parent.mkdir(parents=True, exist_ok=True)
-        beside = place.with_suffix(".part")
-        shutil.copyfile(file, beside)
-        beside.replace(place)
+        beside = place.with_name(f"{place.name}.{secrets.token_hex(4)}.part")
+        try:
+            shutil.copyfile(file, beside)
+            beside.replace(place)
+        finally:
+            beside.unlink(missing_ok=True)
     return sha256
 
 

@@ -88,6 +88,7 @@ def _tell(report: Report, console: Console) -> None:
     console.say(f"store       {files['store']}")
     console.say(f"traces      {Path(files['traces'][0]).parent}")
     console.say(f"logs        {files['logs']}")
+    console.say(f"flows       TREEWRIGHT_HOME={files['home']} treewright serve   shows Prefect's pages again")
 
 
 def _count(text: str) -> int:

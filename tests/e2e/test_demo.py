@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
+import signal
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from support_processes import processes_of, wait_until
 
 from pipelines.commands import demo as command
 from pipelines.console import Console
@@ -80,19 +80,19 @@ def test_the_flows_ran_on_the_server_and_show_what_a_person_wants_to_see(report:
 
 def test_no_process_outlives_the_demo(report: dict[str, Any], folder: Path) -> None:
     assert report
-    assert [words for words in running() if str(folder) in words] == []
+    assert processes_of(folder) == []
 
 
-def running() -> Iterator[str]:
-    """The environment and command line of every process that we may look at, but this one."""
-    for process in Path("/proc").glob("[0-9]*"):
-        if process.name == str(os.getpid()):
-            continue
-        try:
-            yield (process / "cmdline").read_text() + (process / "environ").read_text(errors="replace")
-        except (OSError, ValueError):
-            # It ended meanwhile, or is another user's.
-            continue
+@pytest.mark.timeout(120)
+def test_a_demo_that_is_interrupted_ends_all_that_it_started(tmp_path: Path) -> None:
+    folder = tmp_path / "home"
+    words = [sys.executable, "-m", "pipelines.cli", "demo", "--json", "--home", str(folder)]
+    with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        wait_until(lambda: len(processes_of(folder)) > 3)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, "", "")
+    assert processes_of(folder) == []
 
 
 def test_a_robot_that_failed_makes_the_demo_fail(capsys: pytest.CaptureFixture[str]) -> None:
