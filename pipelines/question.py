@@ -19,7 +19,7 @@ def ask(session: zenoh.Session, key: str, fields: Mapping[str, Any], timeout_s: 
     reply never means success (CONTRACT, section 1).
     """
     with session.declare_querier(key, timeout=timeout_s, congestion_control=zenoh.CongestionControl.BLOCK) as querier:
-        _await_somebody(querier, time.monotonic() + timeout_s)
+        await_somebody(querier, time.monotonic() + timeout_s)
         reply = next(iter(querier.get(payload=json.dumps(fields), encoding="application/json")), None)
     if reply is None:
         raise UnreachableError(f"{key} does not answer; is it running, and on this network?")
@@ -29,14 +29,17 @@ def ask(session: zenoh.Session, key: str, fields: Mapping[str, Any], timeout_s: 
     return answer
 
 
-def _await_somebody(querier: zenoh.Querier, until_s: float) -> None:
-    """A session that was just opened hears of queryables a moment later; a question before that is lost."""
-    while not _is_matched(querier) and time.monotonic() < until_s:
+def await_somebody(sender: zenoh.Querier | zenoh.Publisher, until_s: float) -> None:
+    """Wait until there is somebody to hear `sender`, at most until `until_s` (time.monotonic()).
+
+    A session that was just opened hears of queryables and subscribers a moment later; what it sends before is lost.
+    """
+    while not _is_matched(sender) and time.monotonic() < until_s:
         time.sleep(0.02)
 
 
-def _is_matched(querier: zenoh.Querier) -> bool:
-    status: Any = querier.matching_status  # its stub says bool, it is a MatchingStatus
+def _is_matched(sender: zenoh.Querier | zenoh.Publisher) -> bool:
+    status: Any = sender.matching_status  # its stub says bool, it is a MatchingStatus
     return bool(status.matching)
 
 

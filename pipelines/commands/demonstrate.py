@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 ACTIONS = ("pick", "place", "drop")
 REQUESTS = ("pause", "resume", "split", "discard", "status")
+APPEARS_S = 3.0
+"""What a session has not heard of for this long [s] after it was opened is not on the network."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,12 +71,15 @@ def ask_recorder(
 
     Raises CommandError with the recorder's own sentence if it refuses, UnreachableError if it does not answer.
     """
-    for reply in session.get(f"{prefix}/recorder/{verb}", payload=json.dumps(request), timeout=timeout_s):
-        if reply.ok is not None:
-            answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
-            return answer
-        text = reply.err.payload.to_string() if reply.err else "no reason was given"
-        raise _refusal(prefix, text)
+    from pipelines.question import await_somebody
+
+    with session.declare_querier(f"{prefix}/recorder/{verb}", timeout=timeout_s) as querier:
+        await_somebody(querier, time.monotonic() + min(timeout_s, APPEARS_S))
+        for reply in querier.get(payload=json.dumps(request), encoding="application/json"):
+            if reply.ok is not None:
+                answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
+                return answer
+            raise _refusal(prefix, reply.err.payload.to_string() if reply.err else "no reason was given")
     raise UnreachableError(f"no recorder answers for {prefix}; start `treewright record` or check --connect")
 
 
@@ -129,11 +134,14 @@ def _act(session: zenoh.Session, prefix: str, arguments: argparse.Namespace) -> 
 def _publish(session: zenoh.Session, key: str, payload: str) -> None:
     import zenoh
 
+    from pipelines.question import await_somebody
+
     with session.declare_publisher(
         key,
         encoding="application/json;treewright.DemonstratedAction",
         congestion_control=zenoh.CongestionControl.BLOCK,
     ) as publisher:
+        await_somebody(publisher, time.monotonic() + APPEARS_S)
         publisher.put(payload)
 
 
