@@ -19,6 +19,7 @@ from learner.labels import doubts
 from learner.model import Demonstration
 from learner.observation import observe
 from learner.parameters import Parameters
+from pipelines.errors import CommandError
 from pipelines.home import Home
 from recorder.errors import RecorderError
 from recorder.recording import Demonstrated, read_header, read_recording, sha256_of
@@ -26,6 +27,7 @@ from storage.errors import ConflictError
 from storage.lake import Lake
 
 RECORDING: Final = ".mcap"
+LEAST_FREE_BYTES: Final = 8 << 20
 
 
 @dataclass(frozen=True)
@@ -89,8 +91,9 @@ def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> Harvest:
     """Ingest the named recordings (of a folder: all below it), or whatever is new below `home.recordings`.
 
     What is known already changes nothing; what was refused before is judged again only if it is named or has changed.
-    Raises StorageUnavailableError if the lake cannot be used.
+    Raises CommandError where there is no room, StorageUnavailableError if the lake cannot be used.
     """
+    _check_room(home)
     work = _Ingest(home, lake, again=bool(named))
     work.take(_expanded(named) if named else _recordings_below(home.recordings))
     return work.finish()
@@ -219,6 +222,14 @@ class _Ingest:
             self.quarantined.append(Refused(str(file), reason))
             if file.is_file():
                 self.lake.quarantine(file, _keep(self.home, file), reason)
+
+
+def _check_room(home: Home) -> None:
+    """Before anything is written: a lake that runs out of room in the middle tells it less clearly."""
+    there = next(folder for folder in (home.root, *home.root.parents) if folder.exists())
+    free_bytes = shutil.disk_usage(there).free
+    if free_bytes < LEAST_FREE_BYTES:
+        raise CommandError(f"{home.root} has only {free_bytes // 1024} KiB left; free some room, then ingest again")
 
 
 def _recordings_below(folder: Path) -> list[Path]:

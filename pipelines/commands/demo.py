@@ -27,6 +27,7 @@ MARK: Final = "demo.txt"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright demo`."""
     parser.add_argument("--home", type=Path, metavar="DIR", help=f"folder of the demo (default ./{FOLDER})")
     parser.add_argument("--keep", action="store_true", help="keep the folder of an earlier demo; this one goes beside")
     parser.add_argument("--demonstrations", type=_count, default=3, metavar="N", help="how many are shown (default 3)")

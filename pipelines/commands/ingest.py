@@ -19,10 +19,12 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright ingest`."""
     parser.add_argument("files", nargs="*", type=Path, metavar="FILE", help="recordings, or folders of them")
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Returns 1 if any recording was quarantined, after doing the rest."""
     from pipelines.ingest import ingest
     from pipelines.stores import open_lake
 

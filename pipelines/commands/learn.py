@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright learn`."""
     parser.add_argument("task", metavar="TASK")
     parser.add_argument("--method", type=_method, metavar="NAME", help="the planner, or `paper` for the plain method")
     parser.add_argument("--include-unknown", action="store_true", help="learn from outcomes other than success too")
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Returns 0; what fails raises."""
     lesson = _learn(arguments)
     console.emit(lesson.to_data())
     console.say(_summary(lesson))

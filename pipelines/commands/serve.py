@@ -26,6 +26,7 @@ DEFAULT_HTTP: Final = "127.0.0.1:8420"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `treewright serve`."""
     parser.add_argument(
         "--http", type=_address, default=_address(DEFAULT_HTTP), metavar="HOST:PORT", help=f"default {DEFAULT_HTTP}"
     )

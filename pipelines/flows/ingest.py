@@ -24,5 +24,6 @@ def ingest_flow(root: str, files: Sequence[str] = ()) -> Harvest:
 
 @task(name="ingest recordings", **PATIENT)
 def ingest_recordings(root: str, files: Sequence[str]) -> Harvest:
+    """The plain function on a data root."""
     home = Home(Path(root))
     return ingest(home, open_lake(home), [Path(file) for file in files])

@@ -35,15 +35,18 @@ def learn_flow(
 
 @task(name="choose demonstrations", **PATIENT)
 def choose_demonstrations(root: str, task_name: str, include_unknown: bool, include_gaps: bool) -> Choice:
+    """Which demonstrations of the task are learned from."""
     return choose(open_lake(Home(Path(root))), task_name, include_unknown, include_gaps)
 
 
 @task(name="cluster, infer, plan, verify")
 def learn_tree(choice: Choice, method: str) -> Learned:
+    """The learner's one call: the same demonstrations give the same tree."""
     return learn(choice.demonstrations, Parameters(), method)
 
 
 @task(name="publish", **PATIENT)
 def publish_tree(root: str, choice: Choice, learned: Learned, method: str) -> Lesson:
+    """A version in the store, and `latest`."""
     with open_store(Home(Path(root))) as store:
         return publish(store, choice, learned, method)

@@ -25,6 +25,7 @@ def story_flow(root: str) -> dict[str, str]:
 
 @task(name="find what changed", **PATIENT)
 def find_changes(root: str) -> dict[str, Standing]:
+    """The tasks that stand otherwise than when they were last learned."""
     home = Home(Path(root))
     return changed_tasks(home, open_lake(home))
 

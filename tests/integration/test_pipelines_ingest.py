@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
-from collections.abc import Callable
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -238,3 +241,25 @@ def test_a_label_that_does_not_fit_the_height_of_release_is_doubted_with_the_evi
     (sentence,) = json.loads(capsys.readouterr().out)["doubts"]["object_in_box-1"]
     assert " mm above its rest, which fits a drop" in sentence
     assert "treewright relabel object_in_box-1 1 drop" in sentence
+
+
+def test_a_full_disk_is_one_clear_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = object_in_box(1).write(tmp_path / "a.mcap")
+    with tiny_disk(tmp_path / "tiny") as disk, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TREEWRIGHT_HOME", str(disk / "home"))
+        assert main(["ingest", str(file)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "left; free some room" in line
+
+
+@contextmanager
+def tiny_disk(folder: Path) -> Iterator[Path]:
+    """A file system of 64 KiB; skips the test where we may not mount one."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("only the superuser may mount a small disk")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
