@@ -317,13 +317,13 @@ class AbstractWorld:
 class Ticks:
     """One tick of the tree in many states at once."""
 
-    def __init__(self, world: AbstractWorld, states: States) -> None:
+    def __init__(self, world: AbstractWorld, states: States, root: Node | None = None) -> None:
         self.world, self.states = world, states
         self.roots, self.coordinates, _ = world.chains(states)
         self.chosen: list[Node] = []
         self._asked: dict[Node, Bools] = {}
         self.action = np.full(len(states), -1, dtype=np.intp)
-        self.status = self._tick(world.root, np.arange(len(states)))
+        self.status = self._tick(root or world.root, np.arange(len(states)))
 
     def successors(self) -> States:
         """The states after the action that each tick chose; unchanged where it chose none."""
@@ -374,25 +374,36 @@ class Ticks:
         return np.where(can, RUNNING, FAILURE)
 
 
-def prove(tree: Tree, base_frame: str, rng: np.random.Generator, exhaustive: int = EXHAUSTIVE) -> Certificate:
+def prove(
+    tree: Tree, base_frame: str, rng: np.random.Generator, task: Node | None = None, exhaustive: int = EXHAUSTIVE
+) -> Certificate:
     """Check a tree from every abstract state, or, where there are more than `exhaustive`, from a sample.
 
-    States that are only reached from others are checked with them.
+    States that are only reached from others are checked with them. The tree is taken at its word that its SUCCESS is
+    the goal, unless `task` is given: a tree whose world and whose SUCCESS are what counts.
     """
-    world = AbstractWorld(tree.flattened(), base_frame)
+    root = tree.flattened()
+    world = AbstractWorld(task or root, base_frame)
     whole = world.count <= exhaustive
-    starts = _every(world) if whole else _sample(world, rng)
-    states, status, successor = _explored(world, starts)
+    starts = every_state(world) if whole else _sample(world, rng)
+    states, status, successor = _explored(world, starts, root)
+    status = _by_the_task(world, states, status) if task else status
     at, bound = np.arange(len(starts)), 0
     while (moving := status[at] == RUNNING).any() and bound < _patience(world):
         at = np.where(moving, successor[at], at)
         bound += 1
     failing = np.flatnonzero(status[at] != SUCCESS)
-    example = _describe(world, states.take(at[failing[:1]])) if len(failing) else None
+    example = _describe(world, root, states.take(at[failing[:1]])) if len(failing) else None
     return Certificate(len(starts), whole, bound, example)
 
 
-def _every(world: AbstractWorld) -> States:
+def _by_the_task(world: AbstractWorld, states: States, status: NDArray[np.int8]) -> NDArray[np.int8]:
+    """A SUCCESS where the task is not done is a failure."""
+    done = np.concatenate([Ticks(world, states.take(slice(b, b + CHUNK))).status for b in range(0, len(states), CHUNK)])
+    return np.where((status == SUCCESS) & (done != SUCCESS), FAILURE, status)
+
+
+def every_state(world: AbstractWorld) -> States:
     """All states that can be."""
     parts = []
     for begin in range(0, world.count, CHUNK):
@@ -413,7 +424,7 @@ def _sample(world: AbstractWorld, rng: np.random.Generator) -> States:
     return states
 
 
-def _explored(world: AbstractWorld, starts: States) -> tuple[States, NDArray[np.int8], Ints]:
+def _explored(world: AbstractWorld, starts: States, root: Node) -> tuple[States, NDArray[np.int8], Ints]:
     """All states that are reached from the starts (first, in their order), each one's status and its successor."""
     parts, status, successor = [starts], [], []
     numbers: dict[bytes, int] = {}
@@ -423,7 +434,7 @@ def _explored(world: AbstractWorld, starts: States) -> tuple[States, NDArray[np.
     while len(frontier):
         fresh = []
         for begin in range(0, len(frontier), CHUNK):
-            ticks = Ticks(world, frontier.take(slice(begin, begin + CHUNK)))
+            ticks = Ticks(world, frontier.take(slice(begin, begin + CHUNK)), root)
             after = ticks.successors()
             status.append(ticks.status)
             follow = np.empty(len(after), dtype=np.intp)
@@ -454,15 +465,17 @@ def _patience(world: AbstractWorld) -> int:
     return 20 + 12 * sum(world.sizes)
 
 
-def _describe(world: AbstractWorld, states: States) -> str:
+def _describe(world: AbstractWorld, root: Node, states: States) -> str:
     """The first state in words, and what the tree does there."""
     where = [
         f"{name} {_location(world.places[name], int(states.locations[0, number]))}"
         for number, name in enumerate(world.objects)
     ]
-    ticks = Ticks(world, states)
-    stuck = "nothing can be done" if ticks.action[0] < 0 else f"it goes on with {_word(ticks.chosen[ticks.action[0]])}"
-    return f"the gripper {'closed' if states.closed[0] else 'open'}, {', '.join(where)}: {stuck}, never to the goal"
+    ticks = Ticks(world, states, root)
+    goes_on = ticks.action[0] >= 0
+    stuck = f"it goes on with {_word(ticks.chosen[ticks.action[0]])}" if goes_on else "nothing can be done"
+    stuck = "it ends before the task is done" if ticks.status[0] == SUCCESS else f"{stuck}, never to the goal"
+    return f"the gripper {'closed' if states.closed[0] else 'open'}, {', '.join(where)}: {stuck}"
 
 
 def _location(places: Sequence[Place], location: int) -> str:
