@@ -94,7 +94,7 @@ class Recovery:
         uncovered = sequence(*(_not(cover.condition) for cover in covers)) if covers else None
         clear = [*map(_not, occupied), *([fallback(leaf(InGripper(name)), uncovered)] if uncovered else [])]
         lifts = [_then(condition, self._lift(condition.object)) for condition in occupied]
-        lifts += [_then(cover.condition, leaf(self.picks[cover.object])) for cover in covers]
+        lifts += [_then(cover.condition, self._off(cover)) for cover in covers]
         away = sequence(self._put_down(), _first(lifts))
         body = sequence(
             fallback(sequence(*clear), away, reactive=False), fallback(leaf(InGripper(name)), self._put_down())
@@ -150,7 +150,8 @@ class Recovery:
         """Every covering that is possible (with a scene) or was demonstrated, the highest in a pile first."""
         scene = self.actions.scene
         if scene is None:
-            return [self._demonstrated_cover(target) for target in self.targets if target.on_top]
+            upon = {(target.object, *target.upon) for target in self.targets if target.upon}
+            return [Cover(x, o, rounded_vector(at), COVER_RADIUS_M) for x, o, at in sorted(upon)]
         known = [name for name in self.picks if name in scene.objects]
         return [
             Cover(
@@ -161,10 +162,6 @@ class Recovery:
             for x in known
             if x != o
         ]
-
-    def _demonstrated_cover(self, target: Target) -> Cover:
-        placement = self.actions.placements[target]
-        return Cover(target.object, target.frame, placement.rest, COVER_RADIUS_M)
 
     def _height_above(self, x: str, o: str, level: int, known: Sequence[str]) -> float:
         """How far above the origin of o that of x lies when `level` others are between."""
@@ -214,13 +211,24 @@ class Recovery:
     def _covers_of(self, name: str) -> list[Cover]:
         return [cover for cover in self.covers if cover.under == name and cover.object in self.picks]
 
+    def _off(self, cover: Cover, below: tuple[str, ...] = ()) -> Node:
+        """Picks a covering object. With a scene the covers of a pile are listed from its top; without, what was shown
+        to lie upon the covering object goes first.
+        """
+        higher = [other for other in self._covers_of(cover.object) if other.object not in below]
+        pick = leaf(self.picks[cover.object])
+        if self.actions.scene is not None or not higher:
+            return pick
+        lifts = [_then(other.condition, self._off(other, (*below, cover.object))) for other in higher]
+        return _first([*lifts, pick])
+
     def _lift(self, name: str) -> Node:
         """Picks the object, or what lies highest upon it."""
         covers = self._covers_of(name)
         if not covers:
             return leaf(self.picks[name])
         tree_id = f"{RECOVERY_PREFIX}Lift_{identifier(name)}"
-        lifts = [_then(cover.condition, leaf(self.picks[cover.object])) for cover in covers]
+        lifts = [_then(cover.condition, self._off(cover, (name,))) for cover in covers]
         self._definitions[tree_id] = Definition(tree_id, _first([*lifts, leaf(self.picks[name])]))
         return subtree(tree_id)
 

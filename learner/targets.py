@@ -16,6 +16,7 @@ from learner.clustering import Cluster, clusters_in_frame, dbscan, greatest_dist
 from learner.evidence import log_density, posterior
 from learner.labels import Verdict, verdict
 from learner.model import Demonstration, Pose
+from learner.model.pose import Vector
 from learner.moves import Move, release_sample
 from learner.parameters import Parameters
 from learner.samples import Sample, candidate_frames, positions_in
@@ -43,8 +44,8 @@ class Target:
     releases: tuple[Pose, ...] = field(compare=False)
     context: int = 0
     supported: bool = True
-    on_top: bool = False
-    """Whether the object rests upon the one whose frame this is."""
+    upon: tuple[str, Vector] | None = None
+    """What the object rests upon, and where in its frame [m]; None if that is no object, or it rests in one."""
     tied: frozenset[str] = field(default=frozenset())
     """Frames that the task itself keeps rigid with the chosen one: they are not rivals."""
 
@@ -220,16 +221,24 @@ class TargetFinder:
         samples = [self._sample(number) for number in members]
         rests = tuple(sample.rest(frame) for sample in samples)
         spread_m = greatest_distance(np.array([rest.position for rest in rests]))
-        on_top = self._on_top(frame, samples)
-        fits = verdict(samples, spread_m, on_top, self.parameters)
+        upon = self._upon(samples)
+        fits = verdict(samples, spread_m, upon is not None, self.parameters)
         releases = tuple(sample.release(frame) for sample in samples)
         name = samples[0].action.object
-        return Target(name, frame, members, frames, fits, rests, releases, context, supported, on_top)
+        return Target(name, frame, members, frames, fits, rests, releases, context, supported, upon)
+
+    def _upon(self, samples: Sequence[Sample]) -> tuple[str, Vector] | None:
+        """The nearest object that the samples' object rests upon, and the median of where."""
+        known = [frame for frame in samples[0].action.frames if all(frame in s.action.frames for s in samples)]
+        under = [frame for frame in known if self._on_top(frame, samples)]
+        if not under:
+            return None
+        nearest = min(under, key=lambda frame: self._away(frame, samples))
+        x, y, z = np.median([sample.rest(nearest).position for sample in samples], axis=0).tolist()
+        return nearest, (x, y, z)
 
     def _on_top(self, frame: str, samples: Sequence[Sample]) -> bool:
         """Whether the object rests upon the one whose frame this is."""
-        if frame == samples[0].base_frame:
-            return False
         offsets = np.array([_offset_in_base(frame, sample) for sample in samples])
         x, y, z = np.median(offsets, axis=0)
         return bool(np.hypot(x, y) < self.parameters.tight_m * 1.5 and z > self._top_m(frame, samples))
