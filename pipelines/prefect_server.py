@@ -11,6 +11,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
@@ -27,8 +28,11 @@ QUIET: Final = {
     "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
     "PREFECT_CLI_PROMPT": "false",
     "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "120",
+    # On SQLite a busy server answers 503, which its clients repeat so often.
+    "PREFECT_CLIENT_MAX_RETRIES": "20",
 }
-"""No telemetry, no question: a cell's network may lead nowhere."""
+"""No telemetry, no question: a cell's network may lead nowhere. And patience."""
+ASK_S: Final = 60.0
 SILENT: Final = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
 """For flows in a command's own process: standard error is for one clear line."""
 _OPENER: Final = urllib.request.build_opener(urllib.request.ProxyHandler({}))
@@ -106,7 +110,9 @@ def run_story(home: Home, url: str, timeout_s: float) -> None:
     Raises CommandError with Prefect's words if it does not complete within `timeout_s` [s].
     """
     deployment = _ask(f"{url}/deployments/name/story/{deployment_name(home)}")
-    run = _ask(f"{url}/deployments/{deployment['id']}/create_flow_run", {"state": {"type": "SCHEDULED"}})
+    # The key makes asking again, after an answer that was lost, the same request.
+    wanted = {"state": {"type": "SCHEDULED"}, "idempotency_key": uuid.uuid4().hex}
+    run = _ask(f"{url}/deployments/{deployment['id']}/create_flow_run", wanted)
     deadline_s = time.monotonic() + timeout_s
     while run["state_type"] not in FINAL and time.monotonic() < deadline_s:
         time.sleep(0.5)
@@ -145,15 +151,22 @@ def _answer(url: str) -> object | None:
 
 
 def _ask(url: str, document: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The object with which Prefect answers a GET, or with `document` a POST. Raises UnreachableError."""
+    """The object with which Prefect answers a GET, or with `document` a POST.
+
+    A busy database answers 503 and means: ask again. Raises UnreachableError after ASK_S of that [s].
+    """
     data = None if document is None else json.dumps(document).encode()
     request = urllib.request.Request(url, data, {"Content-Type": "application/json"})
-    try:
-        with _OPENER.open(request, timeout=60) as response:
-            answer: dict[str, Any] = json.loads(response.read())
-            return answer
-    except (urllib.error.URLError, OSError, ValueError) as error:
-        raise UnreachableError(f"the Prefect server does not answer {url}: {error}") from error
+    deadline_s = time.monotonic() + ASK_S
+    while True:
+        try:
+            with _OPENER.open(request, timeout=ASK_S) as response:
+                answer: dict[str, Any] = json.loads(response.read())
+                return answer
+        except (urllib.error.URLError, OSError, ValueError) as error:
+            if time.monotonic() > deadline_s:
+                raise UnreachableError(f"the Prefect server does not answer {url}: {error}") from error
+            time.sleep(1.0)
 
 
 def _free_port(port: int | None) -> int:
