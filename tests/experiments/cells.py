@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from learner.errors import LearnerError
-from learner.learning import learn
+from learner.learning import METHODS
 from learner.model import Demonstration, Node
 from learner.parameters import Parameters
 
@@ -71,11 +71,11 @@ class Cell:
 
 
 def compute(cell: Cell) -> dict[str, Any]:
-    """Demonstrate, learn, run; a refusal to learn is a result too."""
+    """Demonstrate, learn, run; a refusal to learn is a result too. The proof is looked at apart: see `proofs`."""
     demonstrations = cell.demonstrate()
     begin = time.perf_counter()
     try:
-        learned = learn(demonstrations, Parameters(), "treewright" if cell.method == NOMINAL else cell.method)
+        learned = METHODS["treewright" if cell.method == NOMINAL else cell.method](demonstrations, Parameters())
     except LearnerError as error:
         return {**asdict(cell), "refused": str(error), "runs": []}
     except Exception as error:
@@ -110,7 +110,7 @@ def _frames(scenario: Scenario, report: dict[str, Any]) -> list[dict[str, Any]]:
                       for script in scenario.scripts for step in script),
          "as_good": any(_as_good(script, action["object"], action["frame"]) for script in scenario.scripts)}
         for action in report.get("actions", ())
-        if "certainty" in action  # the plain method does not say how sure it is
+        if action.get("certainty") is not None  # the plain method does not say, nor is a default frame sure
     ]  # fmt: skip
 
 
