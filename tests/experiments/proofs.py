@@ -35,7 +35,5 @@ def _rows(names: Iterable[str]) -> Iterator[str]:
         if proven.counterexample is None and AbstractWorld(tree.flattened(), BASE).count <= SMALL:
             found = teeth(tree, BASE)
             bitten = f"{found.caught} of {found.different}"
-        exhaustive = "yes" if proven.exhaustive else "a sample"
-        yield (
-            f"| {name} | {proven.states} | {exhaustive} | {proven.bound} | {proven.counterexample or 'none'} | {bitten} |"
-        )
+        exhaustive, example = "yes" if proven.exhaustive else "a sample", proven.counterexample or "none"
+        yield f"| {name} | {proven.states} | {exhaustive} | {proven.bound} | {example} | {bitten} |"
