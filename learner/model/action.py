@@ -44,14 +44,24 @@ class Pick:
 
 
 @dataclass(frozen=True, order=True)
-class Place:
-    """Move the end-effector to the pose in `frame`, open the gripper: `object` rests at `rest` [m] in `frame`."""
+class _Release:
+    """What Place and Drop have in common: the end-effector's pose in `frame`, and where the object comes to `rest`."""
 
     object: str
     frame: str
     position: Vector
     orientation: Quaternion
     rest: Vector
+
+    @property
+    def preconditions(self) -> Conditions:
+        return frozenset({InGripper(self.object)})
+
+
+@dataclass(frozen=True, order=True)
+class Place(_Release):
+    """Move the end-effector to the pose in `frame`, open the gripper: `object` rests at `rest` [m] in `frame`."""
+
     radius: float = PLACE_RADIUS_M
 
     @property
@@ -59,32 +69,19 @@ class Place:
         return ObjectAt(self.object, self.frame, self.rest, self.radius)
 
     @property
-    def preconditions(self) -> Conditions:
-        return frozenset({InGripper(self.object)})
-
-    @property
     def postconditions(self) -> Conditions:
         return RELEASED | {self.achieves}
 
 
 @dataclass(frozen=True, order=True)
-class Drop:
+class Drop(_Release):
     """As Place, from the height of the release: `object` comes to rest only roughly at `rest` [m] in `frame`."""
 
-    object: str
-    frame: str
-    position: Vector
-    orientation: Quaternion
-    rest: Vector
     radius: float = DROP_RADIUS_M
 
     @property
     def achieves(self) -> ObjectRoughlyAt:
         return ObjectRoughlyAt(self.object, self.frame, self.rest, self.radius)
-
-    @property
-    def preconditions(self) -> Conditions:
-        return frozenset({InGripper(self.object)})
 
     @property
     def postconditions(self) -> Conditions:
