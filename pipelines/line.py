@@ -71,17 +71,18 @@ def open_line(
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
         network = argparse.Namespace(connect=None, listen=[endpoint], zenoh_config=None)
         session = stack.enter_context(open_session(network, {}, mode="router"))
-        serving = ["serve", "--http", "127.0.0.1:0", "--prefect-port", "0", "--period", "3600"]
+        service = ["serve", "--http", "127.0.0.1:0", "--prefect-port", "0", "--period", "3600"]
         simulating = ["sim", "--cell", cell, "--scenario", scenario, "--seed", str(seed), "--speed", f"{speed:g}"]
         serve, *others = (
             stack.enter_context(_command(home, endpoint, words))
-            for words in (serving, simulating, ["record", "--cell", cell])
+            for words in (service, simulating, ["record", "--cell", cell])
         )
         for child in others:
             child.hear(COME_UP_S)
         meanwhile(session)
-        ready = serve.hear(START_S)
-        yield Line(home, cell, session, endpoint, ready["http"], ready["prefect"])
+        serve.hear(START_S)
+        serving = serve.hear(COME_UP_S)
+        yield Line(home, cell, session, endpoint, serving["http"], serving["prefect"])
 
 
 def _command(home: Home, endpoint: str, words: list[str]) -> Child:

@@ -1,8 +1,9 @@
 """`treewright serve`: the scheduled flows, and the artifact store on Zenoh and HTTP, until SIGINT or SIGTERM.
 
-With --json one object a line: {"ready": true, "http", "prefect"} when all is up, then
-{"stamp_ns", "event", "task", "version", "alias", "digest"} for every change of the store (`event` is `published` or
-`alias`), and {"stamp_ns", "event": "unavailable", "reason"} where the store does not answer for a while.
+With --json one object a line: {"ready": true} when all is up; {"stamp_ns", "event": "serving", "http", "prefect"} with
+the addresses (`prefect` null with --store-only); {"stamp_ns", "event", "task", "version", "alias", "digest"} for every
+change of the store (`event` is `published` or `alias`); and {"stamp_ns", "event": "unavailable", "reason"} where the
+store does not answer for a while.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import os
 import signal
 import threading
+import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
@@ -52,7 +54,8 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     with open_session(arguments) as session:
         try:
             with service(Home.current(), session, _settings(arguments), stop) as up:
-                console.emit({"ready": True, "http": up.http, "prefect": up.prefect})
+                console.emit({"ready": True})
+                console.emit({"stamp_ns": time.time_ns(), "event": "serving", "http": up.http, "prefect": up.prefect})
                 console.say(f"serving the artifact store on {up.http}/v1/tasks and over Zenoh")
                 if up.prefect:
                     console.say(f"running the flows of {up.prefect.removesuffix('/api')}; end with Ctrl-C")

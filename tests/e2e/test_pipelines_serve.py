@@ -23,19 +23,19 @@ TASK = "object_in_box"
 
 @dataclass
 class Served:
-    """A service that is up: its data root, its process, and what it said when it was ready."""
+    """A service that is up: its data root, its process, and where it serves."""
 
     home: Home
     process: Daemon
-    ready: dict[str, Any]
+    serving: dict[str, Any]
 
     def get(self, path: str) -> Any:
-        with urllib.request.urlopen(f"{self.ready['http']}{path}", timeout=30) as response:
+        with urllib.request.urlopen(f"{self.serving['http']}{path}", timeout=30) as response:
             return json.loads(response.read())
 
     def ask_prefect(self, path: str, document: dict[str, Any]) -> Any:
         request = urllib.request.Request(
-            f"{self.ready['prefect']}{path}", json.dumps(document).encode(), {"Content-Type": "application/json"}
+            f"{self.serving['prefect']}{path}", json.dumps(document).encode(), {"Content-Type": "application/json"}
         )
         with urllib.request.urlopen(request, timeout=30) as response:
             return json.loads(response.read())
@@ -49,11 +49,12 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     object_in_box(9).saying(contract="8").write(home.recordings / "bench" / "bad.mcap")
     options = ("--http", "127.0.0.1:0", "--prefect-port", "0", "--period", "3", "--listen", "tcp/127.0.0.1:0")
     with daemon(home.root, "serve", *options) as process:
-        yield Served(home, process, process.hear(300))
+        assert process.hear(300) == {"ready": True}
+        yield Served(home, process, process.hear(30))
 
 
 def test_new_recordings_are_ingested_and_learned_on_schedule(served: Served) -> None:
-    assert served.ready["ready"] is True
+    assert served.serving["event"] == "serving"
     published = served.process.hear(180)
     assert (published["event"], published["task"], published["version"]) == ("published", TASK, 1)
     latest = served.process.hear(30)
@@ -87,7 +88,7 @@ def test_prefect_shows_tree_clusters_groups_and_quarantine(served: Served) -> No
 
 
 def test_learn_runs_the_flow_where_a_prefect_server_is_configured(served: Served) -> None:
-    done = command(served.home.root, "learn", TASK, "--json", PREFECT_API_URL=served.ready["prefect"])
+    done = command(served.home.root, "learn", TASK, "--json", PREFECT_API_URL=served.serving["prefect"])
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["version"] == 2
     runs = served.ask_prefect("/flow_runs/filter", {"flows": {"name": {"any_": ["learn"]}}})
@@ -95,7 +96,7 @@ def test_learn_runs_the_flow_where_a_prefect_server_is_configured(served: Served
 
 
 def test_a_refused_lesson_stays_one_line_where_the_flow_runs(served: Served) -> None:
-    done = command(served.home.root, "learn", "kitting", PREFECT_API_URL=served.ready["prefect"])
+    done = command(served.home.root, "learn", "kitting", PREFECT_API_URL=served.serving["prefect"])
     assert done.returncode == 1
     assert done.stderr == f"treewright: no demonstration of the task kitting; there are demonstrations of {TASK}\n"
 

@@ -33,11 +33,12 @@ def test_a_tree_that_another_process_learns_is_announced_and_served(tmp_path: Pa
     files = [object_in_box(seed).write(tmp_path / f"{seed}.mcap") for seed in range(3)]
     ingest(home, Lake(home.lake), files)
     with daemon(tmp_path, "serve", "--store-only", "--http", "127.0.0.1:0", "--listen", endpoint) as process:
-        ready = process.hear()
-        assert (ready["ready"], ready["prefect"]) == (True, None)
+        assert process.hear() == {"ready": True}
+        serving = process.hear()
+        assert (serving["event"], serving["prefect"]) == ("serving", None)
         assert command(tmp_path, "learn", TASK).returncode == 0
         assert [process.hear()["event"] for _ in range(2)] == ["published", "alias"]
-        with urllib.request.urlopen(f"{ready['http']}/v1/tasks/{TASK}/latest", timeout=30) as response:
+        with urllib.request.urlopen(f"{serving['http']}/v1/tasks/{TASK}/latest", timeout=30) as response:
             manifest = json.loads(response.read())
         network = argparse.Namespace(connect=[endpoint], listen=None, zenoh_config=None)
         with open_session(network, {}) as session:
