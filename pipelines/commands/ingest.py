@@ -52,6 +52,8 @@ def _tell(harvest: Harvest, console: Console) -> None:
     for refused in harvest.quarantined:
         console.say(f"quarantined {refused.file}: {refused.reason}")
     console.say(f"{len(harvest.ingested)} ingested, {len(harvest.known)} known, {len(harvest.quarantined)} quarantined")
+    for task in harvest.tasks:
+        console.say(f"learn from it with: treewright learn {task}")
 
 
 def _summary(harvest: Harvest) -> str:
