@@ -1,9 +1,12 @@
 """Asking publishers' caches for what the network has lost.
 
-zenoh.ext's AdvancedPublisher tells three things below `<key>/@adv/pub/<session>/<number>/…`: a liveliness token says
-that it is there, a heartbeat says which sequence number it used last, and a queryable gives what its cache still has
-(`_sn=first..last`, both included). Its counterpart, the AdvancedSubscriber, is not used: on a wildcard it drops plain
-samples that overtake each other, and it skips the cache of a publisher that comes late (both measured with 1.10.2).
+zenoh.ext's AdvancedPublisher tells two things below `<key>/@adv/pub/<session>/<number>/…`: a liveliness token says
+that it is there, and a queryable gives what its cache still has (`_sn=first..last`, both included). A gap is asked for
+by its numbers; a publisher that has gone quiet is asked whether something came after its last sample.
+
+Measured with 1.10.2, and the reasons for two choices: its counterpart, the AdvancedSubscriber, drops plain samples that
+overtake each other on a wildcard, and skips the cache of a publisher that comes late; and whoever subscribes to the
+heartbeats brings a publisher that waits (BLOCK) in a flood to a standstill. So neither is used.
 """
 
 from __future__ import annotations
@@ -31,13 +34,32 @@ SETTLE_S: Final = 0.25
 """Publishers found in the first moments were there before."""
 
 
+QUIET_S: Final = (0.3, 1.0, 5.0)
+"""So long after its last sample a publisher is asked for later ones, again and again at the last of these."""
+
+
 @dataclass
 class _Questions:
-    """What is being asked of one source."""
+    """What is being asked of one source; times are those of a monotonic clock [s]."""
 
     topic: str
     busy: bool = False
     due_s: float = 0.0
+    expected: int = -1
+    """The number it was to use next when it was last looked at, since `quiet_since_s`."""
+    quiet_since_s: float = 0.0
+    quiet_asked: int = 0
+
+    def is_quiet(self, expected: int, now_s: float) -> bool:
+        """Whether it is time to ask a publisher that says nothing."""
+        if expected != self.expected:
+            self.expected, self.quiet_since_s, self.quiet_asked = expected, now_s, 0
+        if now_s - self.quiet_since_s < QUIET_S[min(self.quiet_asked, len(QUIET_S) - 1)]:
+            return False
+        self.quiet_asked += 1
+        if self.quiet_asked >= len(QUIET_S):
+            self.quiet_since_s = now_s
+        return True
 
 
 class Caches:
@@ -57,7 +79,6 @@ class Caches:
     def __enter__(self) -> Self:
         keys = f"{self._prefix}**{ADVANCED}**"
         with contextlib.ExitStack() as undo:
-            undo.enter_context(self._session.declare_subscriber(keys, self._heartbeat))
             undo.enter_context(self._session.liveliness().declare_subscriber(keys, self._token, history=True))
             self._opened = undo.pop_all()
         self._thread.start()
@@ -99,15 +120,6 @@ class Caches:
             return None
         return "/" + topic.removeprefix(self._prefix), (chunks[0], int(chunks[1]))
 
-    def _heartbeat(self, sample: zenoh.Sample) -> None:
-        parsed = self._parse(str(sample.key_expr))
-        payload = sample.payload.to_bytes()
-        if parsed is None or len(payload) != 4 or not self._receiver.records(parsed[0]):
-            return
-        with self._receiver.lock:
-            self._receiver.ledger.heard(*parsed, int.from_bytes(payload, "little"), time.time_ns())
-        self._wake.set()
-
     def _token(self, sample: zenoh.Sample) -> None:
         parsed = self._parse(str(sample.key_expr))
         if parsed is None or not self._receiver.records(parsed[0]):
@@ -146,9 +158,19 @@ class Caches:
     def _run(self) -> None:
         while not self._stopping.is_set():
             self._ask_for_gaps()
+            if self._receiver.recording:
+                self._ask_the_quiet()
             self._wake.wait(PATIENCE_S)
             self._wake.clear()
             self._stopping.wait(PATIENCE_S)
+
+    def _ask_the_quiet(self) -> None:
+        now_s = time.monotonic()
+        for source, topic in self._recorded_sources().items():
+            with self._lock, self._receiver.lock:
+                quiet = self._questions[source].is_quiet(self._receiver.ledger.expected(source), now_s)
+            if quiet:
+                self._ask_tail(topic, source)
 
     def _ask_for_gaps(self) -> None:
         with self._receiver.lock:

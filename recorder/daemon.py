@@ -34,6 +34,8 @@ MOST_ALARMS: Final = 20
 SETTLE_S: Final = 0.4
 """Poses that arrive later than the press get so long before the operator is told that one is missing."""
 TICK_S: Final = 0.25
+FENCE_S: Final = 10.0
+"""So long a request waits for the samples that came before it."""
 SETTLE_NETWORK_S: Final = 4.0
 """So long a stop waits for what publishers' caches still have, if anything is missing."""
 _Event = Callable[[dict[str, Any]], None]
@@ -120,12 +122,9 @@ class Recorder:
             self._events = undo.enter_context(self._session.declare_publisher(self._key("events")))
             recover_folder(self.folder, self._tell_recovery)
             undo.enter_context(self._session.liveliness().declare_token(self._key("alive")))
-            # On the receiving thread itself, so that a request does not overtake the samples sent before it.
-            receive = zenoh.handlers.Callback(self._receiver.receive, indirect=False)
-            undo.enter_context(self._session.declare_subscriber(f"{self._prefix}**", receive))
+            undo.enter_context(self._session.declare_subscriber(f"{self._prefix}**", self._receiver.receive))
             undo.enter_context(self._caches)
-            asked = zenoh.handlers.Callback(self._asked, indirect=False)
-            undo.enter_context(self._session.declare_queryable(self._key("*"), asked))
+            undo.enter_context(self._session.declare_queryable(self._key("*"), self._asked))
             self._opened = undo.pop_all()
         self._threads = [
             threading.Thread(target=run, name=f"recorder-{name}", daemon=True)
@@ -192,6 +191,7 @@ class Recorder:
         with query:
             try:
                 request = parse_request(verb, query.payload.to_bytes() if query.payload else b"")
+                self._receiver.fence(self._session, FENCE_S)
                 reply = self._fulfil(verb, request)
             except (RecorderError, OSError) as error:
                 query.reply_err(_json({"error": _sentence(error)}), encoding="application/json")

@@ -163,7 +163,7 @@ class Ledger:
     # --- what publishers say of themselves
 
     def heard(self, topic: str, source: Source, last: int, stamp_ns: int) -> None:
-        """A heartbeat says that `last` was the source's newest number."""
+        """The source itself says that `last` was its newest number."""
         upcoming = (last + 1) % _WRAP
         account = self._accounts.setdefault(source, _Account(topic, upcoming, upcoming, stamp_ns, self._counting))
         self._up_to(account, source, upcoming, stamp_ns)

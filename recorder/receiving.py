@@ -5,6 +5,7 @@ Nothing here waits for the disk. A sample is copied, numbered off in the ledger,
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -97,6 +98,8 @@ class Receiver:
         self.opened_ns = time.time_ns()
         self.counts: dict[str, int] = {}
         self._prefix, self._patterns = prefix, patterns
+        self._fence_key, self._fence = f"{prefix}recorder/fence", threading.Condition()
+        self._fences, self._fence_passed = itertools.count(1), 0
         self._on_action, self._on_poses = on_action, on_poses
         self._pre_roll = PreRoll(int(pre_roll_s * NS))
         self._intake: Intake | None = None
@@ -110,6 +113,26 @@ class Receiver:
     def channel(self, number: int) -> tuple[str, str]:
         """The topic and the Zenoh encoding of a channel."""
         return self._channels[number]
+
+    def fence(self, session: zenoh.Session, patience_s: float) -> None:
+        """Until every sample that reached this process before has been taken in, or the patience [s] ends.
+
+        Samples and requests come on threads of their own; a sample to oneself goes behind all others.
+        """
+        with session.declare_publisher(
+            self._fence_key,
+            allowed_destination=zenoh.Locality.SESSION_LOCAL,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        ) as publisher:
+            number = next(self._fences)
+            publisher.put(str(number))
+        with self._fence:
+            self._fence.wait_for(lambda: self._fence_passed >= number, patience_s)
+
+    def _pass_fence(self, number: int) -> None:
+        with self._fence:
+            self._fence_passed = max(self._fence_passed, number)
+            self._fence.notify_all()
 
     def records(self, topic: str) -> bool:
         """Whether samples of a topic are recorded."""
@@ -169,6 +192,8 @@ class Receiver:
         key = str(sample.key_expr)
         route = self._routes.get(key) or self._route(key)
         if not route.recorded:
+            if key == self._fence_key:
+                self._pass_fence(int(sample.payload.to_bytes()))
             return
         payload = sample.payload.to_bytes()
         stamp = sample.timestamp
