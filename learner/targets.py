@@ -14,7 +14,7 @@ import numpy as np
 
 from learner.clustering import Cluster, clusters_in_frame, dbscan, greatest_distance
 from learner.evidence import log_density, posterior
-from learner.labels import Verdict, verdict
+from learner.labels import Verdict, fall_m, verdict
 from learner.model import Demonstration, Pose
 from learner.model.pose import Vector
 from learner.moves import Move, release_sample
@@ -123,7 +123,15 @@ class TargetFinder:
         return (p.eps_wide_m,) if self._dropped(numbers) else (p.eps_place_m, p.eps_wide_m)
 
     def _dropped(self, numbers: Sequence[int]) -> bool:
-        return sum(self._sample(number).action.type == "drop" for number in numbers) * 2 > len(numbers)
+        """Whether most were dropped, by their label or by the height they fell from."""
+        return sum(self._fell(self._sample(number)) for number in numbers) * 2 > len(numbers)
+
+    def _fell(self, sample: Sample) -> bool:
+        return sample.action.type == "drop" or (fall_m(sample) or 0.0) > self.parameters.drop_height_m
+
+    def _what(self, numbers: Sequence[int]) -> str:
+        """What tells where an object was meant to go: its rest, or, where it was dropped and rolled, its release."""
+        return "release" if self._dropped(numbers) else "rest"
 
     def _when(self, members: Sequence[int]) -> float:
         return float(np.mean([self._sample(number).action.step for number in members]))
@@ -133,7 +141,7 @@ class TargetFinder:
         samples = [self._sample(number) for number in numbers]
         best: Cluster | None = None
         for frame in candidate_frames(samples):
-            known, points = positions_in(frame, samples, range(len(samples)), "rest")
+            known, points = positions_in(frame, samples, range(len(samples)), self._what(numbers))
             floor_m = self.parameters.noise_floor_m
             for cluster in clusters_in_frame(frame, known, points, eps_m, self.min_samples, floor_m):
                 members = tuple(numbers[index] for index in cluster.members)
@@ -144,7 +152,7 @@ class TargetFinder:
     def _with_strays(self, cluster: Cluster, numbers: Sequence[int], eps_m: float) -> Cluster:
         """The cluster with the samples near it that lie in no cluster of their own."""
         samples = [self._sample(number) for number in numbers]
-        known, points = positions_in(cluster.frame, samples, range(len(samples)), "rest")
+        known, points = positions_in(cluster.frame, samples, range(len(samples)), self._what(numbers))
         labels = dbscan(points, eps_m, self.min_samples)
         away = np.linalg.norm(points - np.array(cluster.mean), axis=1)
         reach_m = max(eps_m, self.parameters.eps_wide_m) if eps_m >= self.parameters.eps_place_m else eps_m
@@ -178,7 +186,7 @@ class TargetFinder:
         sigma_m = p.drop_sigma_m if self._dropped(members) else p.place_sigma_m
         frames = [frame for frame in candidate_frames(samples) if all(frame in s.frames for s in samples)]
         for frame in frames:
-            points = positions_in(frame, samples, range(len(samples)), "rest")[1]
+            points = positions_in(frame, samples, range(len(samples)), self._what(members))[1]
             logs[frame] = log_density(points, sigma_m, p.sigma_shape)
             odds[frame] = self._odds(frame, samples)
         shares = posterior(logs, odds)
@@ -241,13 +249,25 @@ class TargetFinder:
         """Whether the object rests upon the one whose frame this is."""
         offsets = np.array([_offset_in_base(frame, sample) for sample in samples])
         x, y, z = np.median(offsets, axis=0)
-        return bool(np.hypot(x, y) < self.parameters.tight_m * 1.5 and z > self._top_m(frame, samples))
+        above = np.hypot(x, y) < self.parameters.tight_m * 1.5 and z > self._top_m(frame, samples)
+        return bool(above and (self._sizes_known(frame, samples) or self._raised(samples)))
+
+    def _raised(self, samples: Sequence[Sample]) -> bool:
+        """Whether the object rests higher than where it begins: a box's floor does not raise it, a cube does."""
+        name = samples[0].action.object
+        begins_m = min(each.initial[name].position[2] for each in self.demonstrations)
+        rests_m = [s.action.rest[s.base_frame].position[2] for s in samples if s.action.rest is not None]
+        return bool(np.median(rests_m) - begins_m > self.parameters.tight_m)
+
+    def _sizes_known(self, frame: str, samples: Sequence[Sample]) -> bool:
+        scene = self.demonstrations[samples[0].demonstration].scene
+        return scene is not None and {frame, samples[0].action.object} <= set(scene.objects)
 
     def _top_m(self, frame: str, samples: Sequence[Sample]) -> float:
         """How far above a frame's origin an object's origin must be to rest upon it: most of both half heights."""
         scene = self.demonstrations[samples[0].demonstration].scene
         name = samples[0].action.object
-        if scene is None or frame not in scene.objects or name not in scene.objects:
+        if scene is None or not self._sizes_known(frame, samples):
             return self.parameters.tight_m
         return 0.4 * (min(scene.objects[frame].size_m) + min(scene.objects[name].size_m))
 

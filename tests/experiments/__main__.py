@@ -50,6 +50,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="two sets of demonstrations, one run of each kind")
     parser.add_argument("--only", nargs="+", metavar="TASK", default=list(SCENARIOS), help="these tasks")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), help="these methods")
+    parser.add_argument("--counts", nargs="+", type=int, metavar="N", default=[3, 5, 10], help="demonstrations a set")
     parser.add_argument("--folder", type=Path, default=Path("build/experiments"), help="where results are kept")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument(
@@ -64,7 +65,8 @@ def _arguments() -> argparse.Namespace:
 
 def _computed(arguments: argparse.Namespace) -> tuple[list[Result], list[Result], list[Result]]:
     """The results on success by task, by user, and on size."""
-    sets, runs, counts = (2, 19, (3,)) if arguments.quick else (10, 19, (3, 5, 10))
+    sets, runs = (2, 19) if arguments.quick else (10, 19)
+    counts = (3,) if arguments.quick else tuple(arguments.counts)
     methods = tuple(arguments.methods)
     nominal = (*methods, NOMINAL) if OURS in methods else methods
     success = success_cells(arguments.only, nominal, counts, sets, runs)
