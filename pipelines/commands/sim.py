@@ -66,7 +66,8 @@ def _live(arguments: argparse.Namespace, console: Console, session: zenoh.Sessio
         World(arguments.scenario, rng, noise) as world,
         Cell(session, arguments.cell, world, rng, arguments.speed, report) as cell,
     ):
-        console.emit({"ready": True, "cell": cell.name, "scenario": arguments.scenario, "objects": world.objects})
+        console.emit({"ready": True})
+        console.emit({"event": "shown", "cell": cell.name, "scenario": arguments.scenario, "objects": world.objects})
         console.say(
             f"the cell {cell.name} shows {arguments.scenario} with {', '.join(world.objects)}; stop with Ctrl-C"
         )

@@ -32,9 +32,9 @@ def test_it_says_that_it_is_ready_lives_and_ends_cleanly_when_told(number: signa
         process.send_signal(number)
         rest, complaints = process.stdout.read(), process.stderr.read()
 
-    assert ready == {"ready": True, "cell": "c7", "scenario": "object_in_box", "objects": ["A", "box"]}
+    assert ready == {"ready": True}
     assert reply["status"] == "success"
-    assert [json.loads(line)["event"] for line in rest.splitlines()] == ["skill started", "skill ended"]
+    assert [json.loads(line)["event"] for line in rest.splitlines()] == ["shown", "skill started", "skill ended"]
     assert complaints == ""
     assert process.returncode == 0
 
