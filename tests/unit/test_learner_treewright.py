@@ -134,6 +134,16 @@ def test_a_placement_from_high_above_the_box_is_corrected_to_a_drop() -> None:
     assert any("place was corrected to drop" in note for note in found.notes)
 
 
+def test_a_drop_in_the_middle_of_a_box_whose_frame_lies_at_its_floor_stays_a_drop() -> None:
+    def script(_: int, start: dict[str, Pose]) -> Script:
+        x, y, _z = start["box"].position
+        return [Shove("box", at(x, y, 0.0)), Put("A", "box", (0.0, 0.0, 0.03), "drop", fall_m=0.05)]
+
+    found = learn(shown(script))
+    assert frames(found) == [("drop", "A", "box")]
+    assert not any("corrected" in note for note in found.notes)
+
+
 @pytest.mark.parametrize("item", [A_IN_BOX, STACK, Put("A", "box", (0.0, 0.0, 0.0), "drop", fall_m=0.1)])
 def test_a_fitting_label_is_kept_without_a_word(item: Put) -> None:
     found = learn(shown([item]))
