@@ -152,15 +152,21 @@ class _Ingest:
         return None
 
     def _sources(self, headers: dict[Path, Demonstrated]) -> Iterator[Source]:
-        """Single files as they are; parts with those of their demonstration that lie in the same folder."""
+        """Single files as they are; parts with those of their demonstration in the same folder, else in any."""
         groups: dict[tuple[Path, str], dict[Path, Demonstrated]] = defaultdict(dict)
         for file, header in headers.items():
             if header.part is None:
                 yield Source((file,))
             else:
                 groups[file.parent, header.demonstration_id][file] = header
+        lone: dict[str, dict[Path, Demonstrated]] = defaultdict(dict)
         for (folder, demonstration_id), parts in groups.items():
-            source = _joined(parts | self._parts_beside(folder, demonstration_id))
+            beside = parts | self._parts_beside(folder, demonstration_id)
+            if isinstance(source := _joined(beside), Source):
+                yield source
+            else:
+                lone[demonstration_id] |= beside
+        for source in map(_joined, lone.values()):
             if isinstance(source, Source):
                 yield source
             else:

@@ -196,6 +196,17 @@ def test_a_named_part_finds_the_others_beside_it(home: Home, tmp_path: Path) -> 
     assert harvest(home, *files).known == ("object_in_box-1",)
 
 
+def test_parts_named_in_different_folders_are_joined(home: Home, tmp_path: Path) -> None:
+    first, second = object_in_box(1).halves()
+    folders = tmp_path / "disk-1", tmp_path / "disk-2"
+    for folder in folders:
+        folder.mkdir()
+    files = first.write(folders[0] / "1.mcap"), second.write(folders[1] / "2.mcap")
+    done = harvest(home, *files)
+    assert len(done.ingested) == 1
+    assert done.waiting == ()
+
+
 def test_the_command_prints_one_document_and_exits_1_after_doing_the_rest(
     home: Home, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
