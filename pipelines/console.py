@@ -31,7 +31,7 @@ class Console:
 
     def fail(self, error: BaseException) -> None:
         """The one line on standard error of a command that failed."""
-        text = str(error) or type(error).__name__
+        text = _sentence(error)
         self.warn(" ".join(text.split()))
 
     def fail_unexpectedly(self, error: BaseException) -> None:
@@ -45,3 +45,10 @@ class Console:
         """The reader of standard output is gone: say no more, and keep the interpreter from complaining at exit."""
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+
+
+def _sentence(error: BaseException) -> str:
+    """What an error says; what the operating system refuses is told without its number."""
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__

@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Publish. `--json`: first `{"ready": true}`, then one object a loop with the messages by topic."""
+    from learner.model import check_name
     from recorder.recording import read_header
     from recorder.replay import Replay, replay
 
@@ -38,7 +39,8 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     stopped = threading.Event()
     for ending in (signal.SIGINT, signal.SIGTERM):
         signal.signal(ending, lambda *_: stopped.set())
-    cell = arguments.cell or read_header(arguments.file).cell
+    recorded = read_header(arguments.file)
+    cell = check_name("cell", arguments.cell or recorded.cell)
     how = Replay(arguments.rate, arguments.start, arguments.loop or None, arguments.restamp)
     with open_session(arguments) as session:
         console.emit({"ready": True})

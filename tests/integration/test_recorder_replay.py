@@ -112,6 +112,19 @@ def test_the_command_replays(file: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "--rate is a positive number" in capsys.readouterr().err
 
 
+def test_a_cell_that_is_no_name_and_a_file_that_is_not_there_are_refused_before_anything_is_said(
+    tmp_path: Path, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, reason in (
+        ([str(file), "--cell", "a/**"], "cell name 'a/**' is refused"),
+        ([str(tmp_path / "no.mcap"), "--cell", CELL], f"treewright: {tmp_path / 'no.mcap'}: No such file or directory"),
+    ):
+        assert main(["replay", *words, "--json"]) == 1
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert reason in said.err
+
+
 def test_a_replayed_and_recorded_demonstration_learns_to_the_same_tree(tmp_path: Path) -> None:
     files = sorted(SAMPLES.glob("object_in_box-*.mcap"))
     if not files:
