@@ -79,11 +79,11 @@ class PackedChunk:
         )
 
 
-def pack_chunk(batch: Batch) -> PackedChunk:
+def pack_chunk(batch: Batch, compressor: zstandard.ZstdCompressor) -> PackedChunk:
     """Compress and index a batch of at least one message."""
     data = b"".join(batch.pieces)
     first, last = min(batch.stamps_ns), max(batch.stamps_ns)
-    compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
+    compressed = compressor.compress(data)
     record = packed(Chunk("zstd", compressed, last, first, zlib.crc32(data), len(data)))
     indexes, offsets, counts = _message_indexes(batch)
     index = ChunkIndex(

@@ -23,6 +23,7 @@ from types import TracebackType
 from typing import IO, Any, Final, Self, cast
 
 import numpy as np
+import zstandard
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -45,7 +46,7 @@ from mcap.records import (
 from learner.model import ActionPress, GripperSample, ObjectShape, Pose, Recording, Scene, Track
 from learner.model.demonstration import Symmetry
 from recorder import records
-from recorder.chunks import Batch, PackedChunk, pack_chunk
+from recorder.chunks import COMPRESSION_LEVEL, Batch, PackedChunk, pack_chunk
 from recorder.errors import NotARecordingError, PartMissingError, RecorderError
 
 CONTRACT: Final = "1"
@@ -310,7 +311,8 @@ class RecordingWriter:
         self._stream: IO[bytes] = self.unfinished.open("xb", buffering=0)
         self._batch = Batch()
         self._summary = _Summary()
-        self._sha256 = hashlib.sha256()
+        self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
+        self._crc = 0
         self._offset = 0
         self._ids: dict[tuple[str, str], int] = {}
         self._begin()
@@ -390,7 +392,7 @@ class RecordingWriter:
 
     def write_batch(self, batch: Batch) -> None:
         """Write a batch of at least one message as one chunk; its channels were told before."""
-        packed, offset = pack_chunk(batch), self._offset
+        packed, offset = pack_chunk(batch, self._compressor), self._offset
         self._write(packed.record + packed.indexes)
         self._summary.add_chunk(packed, offset)
 
@@ -406,11 +408,22 @@ class RecordingWriter:
         os.fsync(self._stream.fileno())
         self._forget_cached()
         self._stream.close()
-        finished = Finished(self.file, self.messages, self._sha256.hexdigest())
-        verify(self.unfinished, finished)
+        sha256 = self._verify()
         self.unfinished.rename(self.file)
         sync_folder(self.file.parent)
-        return finished
+        return Finished(self.file, self.messages, sha256)
+
+    def _verify(self) -> str:
+        """Read the file back; its digest if it is what was written."""
+        digest, crc, size = hashlib.sha256(), 0, 0
+        with self.unfinished.open("rb") as stream:
+            for block in iter(lambda: stream.read(1 << 20), b""):
+                digest.update(block)
+                crc = zlib.crc32(block, crc)
+                size += len(block)
+        if (crc, size) != (self._crc, self._offset):
+            raise RecorderError(f"{self.unfinished} reads back otherwise than it was written; check the disk")
+        return digest.hexdigest()
 
     def _begin(self) -> None:
         self._write(records.MAGIC)
@@ -427,16 +440,16 @@ class RecordingWriter:
 
     def _write(self, data: bytes) -> None:
         """Append all of it or, where the disk does not take it, nothing: what came before stays whole."""
-        before, digest = self._offset, self._sha256.copy()
+        before, crc = self._offset, self._crc
         view = memoryview(data)
         try:
             while view:
                 taken = os.write(self._stream.fileno(), view)
-                self._sha256.update(view[:taken])
+                self._crc = zlib.crc32(view[:taken], self._crc)
                 self._offset += taken
                 view = view[taken:]
         except OSError:
-            self._offset, self._sha256 = before, digest
+            self._offset, self._crc = before, crc
             os.ftruncate(self._stream.fileno(), before)
             os.lseek(self._stream.fileno(), before, os.SEEK_SET)
             raise
@@ -505,14 +518,6 @@ def _with_footer(summary: bytes, start: int, offsets_start: int) -> bytes:
     unsigned = footer[:-4]
     crc = zlib.crc32(summary + unsigned)
     return summary + unsigned + crc.to_bytes(4, "little") + records.MAGIC
-
-
-def verify(file: Path, finished: Finished) -> None:
-    """Read a finished file back. Raises RecorderError if it is not, byte for byte, what was written."""
-    with file.open("rb") as stream:
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()
-    if digest != finished.sha256:
-        raise RecorderError(f"{file} reads back otherwise than it was written; check the disk, then recover the file")
 
 
 def sync_folder(folder: Path) -> None:

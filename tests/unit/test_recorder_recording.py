@@ -139,6 +139,19 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "one.mcap").read_bytes() == before
 
 
+def test_a_file_that_reads_back_otherwise_is_not_called_finished(tmp_path: Path) -> None:
+    """A disk that changes a byte after it was written: the file does not get its name."""
+    with RecordingWriter(tmp_path / "one.mcap", DEMONSTRATED) as writer:
+        writer.write(ACTION, b'{"stamp_ns": 2000, "type": "pick"}', 2_000)
+        writer.close_chunk()
+        with writer.unfinished.open("r+b") as stream:
+            stream.seek(20)
+            stream.write(b"\xff")
+        with pytest.raises(RecorderError, match="reads back otherwise"):
+            writer.finish()
+    assert not (tmp_path / "one.mcap").exists()
+
+
 def test_poses_that_are_none_are_no_sightings(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "one.mcap", DEMONSTRATED) as writer:
         from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
