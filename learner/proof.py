@@ -21,6 +21,7 @@ from learner.model import Node, Pose, Tree
 from learner.model.names import NONE
 from learner.model.pose import Array
 from learner.model.tree import CONDITIONS, FALLBACKS, SEQUENCES
+from learner.recovery import LEVELS
 
 FAILURE, RUNNING, SUCCESS = np.int8(0), np.int8(1), np.int8(2)
 AWAY: Final = 0
@@ -139,7 +140,8 @@ class AbstractWorld:
 
     def possible(self, states: States) -> Bools:
         """Which states can be: at most one object held, by a closed gripper and with nothing lying in its frame; none
-        rests on itself or within another; what lies higher than upon the object of its frame has something beneath it.
+        rests on itself or within another; what lies higher than upon the object of its frame has something beneath it;
+        no pile is higher than recovery takes down, since none would stand.
         """
         held = states.locations == HELD
         fits = (held.sum(axis=1) <= 1) & (~held.any(axis=1) | states.closed)
@@ -152,7 +154,7 @@ class AbstractWorld:
     def _consistent(self, states: States, held: Bools) -> Bools:
         """The part of `possible` that looks at how objects lie to one another."""
         roots, coordinates, cyclic = self.chains(states)
-        fits = ~cyclic
+        fits = ~cyclic & (self._heights(states) <= LEVELS)
         for a in self.movable:
             for b in self.movable:
                 together = roots[:, a] == roots[:, b]
@@ -199,6 +201,19 @@ class AbstractWorld:
             coordinates = coordinates + np.where(step[..., None], offsets[at, location], 0.0)
             roots = np.where(step, frames[at, location], roots)
         return roots, coordinates, np.asarray(step.any(axis=1))
+
+    def _heights(self, states: States) -> Ints:
+        """How many objects lie upon one another in the highest pile (n,), not counting the lowest."""
+        frames, offsets = self._tables
+        n, m = states.locations.shape
+        at, height, alive = np.tile(np.arange(m), (n, 1)), np.zeros((n, m), np.intp), np.ones((n, m), bool)
+        for _ in range(m):
+            location = states.locations[np.arange(n)[:, None], at]
+            height += alive & (offsets[at, location, 2] > UPON_M[0])
+            following = frames[at, location]
+            alive &= (following >= 0) & (following < m)
+            at = np.where(alive, following, at)
+        return np.asarray(height.max(axis=1, initial=0))
 
     @cached_property
     def _tables(self) -> tuple[Ints, Array]:
