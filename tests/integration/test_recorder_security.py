@@ -1,0 +1,131 @@
+"""The access control that ships in docker/security, tried on loopback with certificates made by the script there."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+from support_recorder import CELL, PREFIX, START, Refused, advanced_publisher, ask, free_endpoint, wait_for
+
+from learner.model import Pose
+from recorder.daemon import Recorder
+from recorder.recording import POSES_ENCODING, pose_message
+
+SECURITY = Path("docker/security")
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is not here")
+    folder = tmp_path_factory.mktemp("tls")
+    for name, parties in (("ours", ["recorder", "cell", "operator", "stranger"]), ("theirs", ["recorder"])):
+        script = ["sh", str(SECURITY / "make-certificates.sh"), str(folder / name), "localhost", *parties]
+        subprocess.run(script, check=True)
+    return folder
+
+
+@contextlib.contextmanager
+def opened(file: str, endpoint: str, tls: Path, party: str | None = None) -> Iterator[zenoh.Session]:
+    """A session by a shipped configuration; only the endpoint and the folder of certificates are this machine's."""
+    text = (SECURITY / file).read_text().replace("/etc/treewright/tls", str(tls))
+    name = file.removesuffix(".json5")
+    if party:
+        text = text.replace(f"{name}.pem", f"{party}.pem").replace(f"{name}.key", f"{party}.key")
+    config = zenoh.Config.from_json5(text)
+    config.insert_json5("listen/endpoints" if name == "router" else "connect/endpoints", json.dumps([endpoint]))
+    if name != "router":
+        config.insert_json5("connect/timeout_ms", "3000")
+    with zenoh.open(config) as session:
+        yield session
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint().replace("tcp/127.0.0.1", "tls/localhost")
+
+
+def test_the_parties_of_a_cell_can_do_their_work(certificates: Path, endpoint: str, tmp_path: Path) -> None:
+    tls = certificates / "ours"
+    with (
+        opened("router.json5", endpoint, tls),
+        opened("recorder.json5", endpoint, tls) as ours,
+        opened("cell.json5", endpoint, tls) as cell,
+        opened("operator.json5", endpoint, tls) as operator,
+        Recorder(ours, CELL, tmp_path),
+        advanced_publisher(cell, f"{PREFIX}/poses", encoding=POSES_ENCODING) as poses,
+    ):
+        wait_for(lambda: answered(operator))
+        ask(operator, "start", START)
+        poses.put(pose_message(time.time_ns(), "base", {"tool0": Pose((0, 0, 1))}))
+        operator.put(f"{PREFIX}/action", json.dumps({"stamp_ns": time.time_ns(), "type": "pick"}))
+        wait_for(lambda: ask(operator, "status")["actions_durable"] == 1)
+        stopped = ask(operator, "stop", {"outcome": "success"})
+        assert stopped["messages"] == {"/action": 1, "/poses": 1}
+        assert stopped["lost"]["/poses"] == 0
+
+
+def answered(session: zenoh.Session) -> bool:
+    try:
+        return bool(ask(session, "status"))
+    except (TimeoutError, Refused, ValueError):
+        return False
+
+
+def test_a_stranger_can_neither_publish_poses_nor_start_a_recording(
+    certificates: Path, endpoint: str, tmp_path: Path
+) -> None:
+    """A certificate of the right authority, but of a name in no rule; and a party that oversteps its rule."""
+    tls = certificates / "ours"
+    with (
+        opened("router.json5", endpoint, tls),
+        opened("recorder.json5", endpoint, tls) as ours,
+        opened("cell.json5", endpoint, tls) as cell,
+        opened("operator.json5", endpoint, tls) as operator,
+        opened("recorder.json5", endpoint, tls, party="stranger") as stranger,
+        Recorder(ours, CELL, tmp_path),
+    ):
+        wait_for(lambda: answered(operator))
+        ask(operator, "start", START)
+        message = pose_message(time.time_ns(), "base", {"A": Pose((9, 9, 9))})
+        for intruder, key in ((stranger, "poses"), (operator, "poses"), (cell, "action"), (stranger, "action")):
+            intruder.put(f"{PREFIX}/{key}", message, congestion_control=zenoh.CongestionControl.BLOCK)
+        for intruder in (stranger, cell):
+            replies = list(intruder.get(f"{PREFIX}/recorder/stop", payload='{"outcome": "success"}', timeout=1.0))
+            assert [reply for reply in replies if reply.ok is not None] == []
+        with stranger.liveliness().declare_token(f"{PREFIX}/recorder/alive"):
+            operator.put(f"{PREFIX}/action", json.dumps({"stamp_ns": time.time_ns(), "type": "pick"}))
+            wait_for(lambda: ask(operator, "status")["actions_durable"] == 1)
+        status = ask(operator, "status")
+        assert (status["state"], status["messages"]) == ("recording", {"/action": 1})
+
+
+def test_a_client_of_another_authority_gets_no_connection(certificates: Path, endpoint: str) -> None:
+    with (
+        opened("router.json5", endpoint, certificates / "ours"),
+        pytest.raises(zenoh.ZError),
+        opened("recorder.json5", endpoint, certificates / "theirs"),
+    ):
+        pass
+
+
+def test_a_client_without_a_certificate_gets_no_connection(certificates: Path, endpoint: str) -> None:
+    config = zenoh.Config.from_json5(
+        json.dumps(
+            {
+                "mode": "client",
+                "connect": {"endpoints": [endpoint], "timeout_ms": 3000},
+                "scouting": {"multicast": {"enabled": False}},
+                "transport": {"link": {"tls": {"root_ca_certificate": str(certificates / "ours" / "ca.pem")}}},
+            }
+        )
+    )
+    with opened("router.json5", endpoint, certificates / "ours"), pytest.raises(zenoh.ZError), zenoh.open(config):
+        pass
