@@ -67,6 +67,7 @@ class Recovery:
         self.demonstrations, self.actions, self.targets = demonstrations, actions, targets
         self.base = demonstrations[0].base_frame
         self.picks = self._picks()
+        self.ups = {name: self._up(name) for name in self.picks}
         self.covers = self._covers()
         self._definitions: dict[str, Definition] = {}
 
@@ -155,7 +156,7 @@ class Recovery:
         known = [name for name in self.picks if name in scene.objects]
         return [
             Cover(
-                x, o, rounded_vector(self._up(o) * self._height_above(x, o, level, known)), COVER_RADIUS_M, level == 0
+                x, o, rounded_vector(self.ups[o] * self._height_above(x, o, level, known)), COVER_RADIUS_M, level == 0
             )
             for level in reversed(range(min(LEVELS, len(known) - 1)))
             for o in known
@@ -172,7 +173,7 @@ class Recovery:
         """The object's size [m] along the axis that stands upright."""
         scene = self.actions.scene
         assert scene is not None
-        up = np.abs(self._up(name))
+        up = np.abs(self.ups[name])
         return float(scene.objects[name].size_m[int(np.argmax(up))])
 
     def _up(self, name: str) -> Array:

@@ -16,7 +16,7 @@ from learner.clustering import Cluster, clusters_in_frame, dbscan, greatest_dist
 from learner.evidence import log_density, posterior
 from learner.labels import Verdict, fall_m, verdict
 from learner.model import Demonstration, Pose
-from learner.model.pose import Vector
+from learner.model.pose import Array, Vector, conjugate, express, multiply, rotate
 from learner.moves import Move, release_sample
 from learner.parameters import Parameters
 from learner.samples import Sample, candidate_frames, positions_in
@@ -212,14 +212,19 @@ class TargetFinder:
     def _kept(self, frame: str, number: int) -> bool:
         sample = self._sample(number)
         demonstration, name = self.demonstrations[sample.demonstration], sample.action.object
-        rest = np.array(sample.rest(frame).position)
-        for world in _worlds_after(demonstration, sample.action.step, name):
-            if name in world and (frame in world or frame == sample.base_frame):
-                at = np.array(world[name].position)
-                here = at if frame == sample.base_frame else world[frame].locate(at)
-                if np.linalg.norm(here - rest) > LOST_M:
-                    return False
-        return True
+        worlds = [
+            world
+            for world in _worlds_after(demonstration, sample.action.step, name)
+            if name in world and (frame in world or frame == sample.base_frame)
+        ]
+        if not worlds:
+            return True
+        at = np.array([world[name].position for world in worlds])
+        if frame != sample.base_frame:
+            origins = np.array([world[frame].position for world in worlds])
+            at = express(at, origins, np.array([world[frame].quaternion_xyzw for world in worlds]))
+        away = np.linalg.norm(at - np.array(sample.rest(frame).position), axis=1)
+        return bool(away.max() <= LOST_M)
 
     def _target(
         self, members: tuple[int, ...], frame: str | None, frames: Mapping[str, float], context: int,
@@ -247,7 +252,7 @@ class TargetFinder:
 
     def _on_top(self, frame: str, samples: Sequence[Sample]) -> bool:
         """Whether the object rests upon the one whose frame this is."""
-        offsets = np.array([_offset_in_base(frame, sample) for sample in samples])
+        offsets = _offsets_in_base(frame, samples)
         x, y, z = np.median(offsets, axis=0)
         above = np.hypot(x, y) < self.parameters.tight_m * 1.5 and z > self._top_m(frame, samples)
         return bool(above and (self._sizes_known(frame, samples) or self._raised(samples)))
@@ -331,9 +336,9 @@ def _worlds_after(demonstration: Demonstration, step: int, name: str) -> list[Ma
     return [*worlds, demonstration.final]
 
 
-def _offset_in_base(frame: str, sample: Sample) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """The object's rest relative to a frame's origin, along the base's axes."""
-    assert sample.action.rest is not None
-    rest = sample.action.rest[sample.base_frame]
-    origin = (rest @ sample.rest(frame).inverse()).position
-    return np.subtract(rest.position, origin)
+def _offsets_in_base(frame: str, samples: Sequence[Sample]) -> Array:
+    """The rests (n, 3) relative to a frame's origin [m], along the base's axes."""
+    inside = [sample.rest(frame) for sample in samples]
+    outside = np.array([sample.rest(sample.base_frame).quaternion_xyzw for sample in samples])
+    frames = multiply(outside, conjugate(np.array([pose.quaternion_xyzw for pose in inside])))
+    return rotate(frames, np.array([pose.position for pose in inside]))

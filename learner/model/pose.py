@@ -109,11 +109,6 @@ class Pose:
         x, y, z = (np.array(self.position) + turned).tolist()
         return (x, y, z)
 
-    def locate(self, point: Sequence[float] | Array) -> Array:
-        """A point (3,) of the frame in which this pose is given, in this frame: the inverse of `apply`."""
-        away = np.asarray(point, dtype=np.float64) - np.array(self.position)
-        return rotate(conjugate(np.array(self.quaternion_xyzw)), away)
-
     @staticmethod
     def of(position: Sequence[float] | Array, quaternion_xyzw: Sequence[float] | Array) -> Pose:
         """A pose from any sequences of three and four numbers."""
