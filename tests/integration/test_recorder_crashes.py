@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +12,12 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from support_killed_recorder import start_recorder
+from support_killed_recorder import answers as _answers
+from support_killed_recorder import live_and_die
 from support_recorder import (
     CELL,
     PREFIX,
     START,
-    Refused,
-    advanced_publisher,
     ask,
     configuration,
     free_endpoint,
@@ -36,7 +33,6 @@ from recorder.errors import NotARecordingError, RecorderError, SecondRecorderErr
 from recorder.recording import (
     ACTION,
     POSES,
-    POSES_ENCODING,
     Demonstrated,
     RecordingWriter,
     messages,
@@ -62,86 +58,12 @@ def torn(file: Path, chunks: int = 5) -> Path:
         return writer.unfinished
 
 
-def kill_while_recording(folder: Path, rng: np.random.Generator) -> tuple[int, int, list[int], list[int]]:
-    """One life of a recorder: actions durable at the last answer, last pose sent, and stamps sent [ns]."""
-    endpoint = free_endpoint()
-    process = start_recorder(endpoint, folder)
-    sent: list[int] = []
-    pressed: list[int] = []
-    durable = 0
-    try:
-        wait_for(lambda: _reachable(endpoint), "the recorder's port")
-        with (
-            zenoh.open(configuration(connect=endpoint)) as session,
-            advanced_publisher(session, f"{PREFIX}/poses", encoding=POSES_ENCODING) as poses,
-            advanced_publisher(session, f"{PREFIX}/action") as buttons,
-        ):
-            wait_for(lambda: _answers(session), "the recorder")
-            ask(session, "start", START)
-            stop = threading.Event()
-
-            def publish() -> None:
-                while not stop.wait(0.002):
-                    stamp_ns = time.time_ns()
-                    poses.put(pose_message(stamp_ns, "base", TOOL))
-                    sent.append(stamp_ns)
-                    if len(sent) % 25 == 0:
-                        pressed.append(stamp_ns)
-                        buttons.put(json.dumps({"stamp_ns": stamp_ns, "type": "pick", "object": "A"}))
-
-            publishing = threading.Thread(target=publish)
-            publishing.start()
-            end_s = time.monotonic() + rng.uniform(0.1, 0.5)
-            while time.monotonic() < end_s:
-                durable = ask(session, "status")["actions_durable"]
-            process.kill()
-            killed_ns = time.time_ns()
-            stop.set()
-            publishing.join()
-    finally:
-        process.kill()
-        process.join()
-    return durable, killed_ns, sent, pressed
-
-
-def _reachable(endpoint: str) -> bool:
-    import socket
-
-    host, port = endpoint.removeprefix("tcp/").split(":")
-    with socket.socket() as probe:
-        return probe.connect_ex((host, int(port))) == 0
-
-
-def _answers(session: zenoh.Session) -> bool:
-    try:
-        return bool(ask(session, "status"))
-    except (TimeoutError, Refused):
-        return False
-
-
 def test_every_durable_action_with_its_poses_survives_kill_9(tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
-    missing_s = []
-    durable_total = 0
-    for life in range(20):
-        folder = tmp_path / str(life)
-        durable, killed_ns, sent, pressed = kill_while_recording(folder, rng)
-        durable_total += durable
-        assert recover_folder(folder, lambda *_: None) == {"recovered": 1}
-        (file,) = folder.glob("*.mcap")
-        recording = read_recording([file])
-        assert (recording.outcome, read_header(file).more["recovered"]) == ("unknown", "true")
-        stamps = [press.stamp_ns for press in recording.presses]
-        assert stamps[:durable] == pressed[:durable]
-        poses = recording.tracks["tool0"].stamps_ns.tolist()
-        assert poses[:1] == sent[:1]
-        assert poses == sent[: len(poses)], "a hole in the middle"
-        assert all(stamp_ns in poses for stamp_ns in stamps[:durable])
-        received = [stamp_ns for stamp_ns in sent if stamp_ns <= killed_ns]
-        missing_s.append((received[-1] - poses[-1]) / 1e9)
-    assert durable_total > 20
+    lives = [live_and_die(tmp_path / str(life), rng) for life in range(20)]
+    assert sum(life.durable for life in lives) > 20
     # 200 ms is the goal, measured by the benchmarks; a machine under load may stand still for longer than that.
-    assert max(missing_s) < 2.0, missing_s
+    assert max(life.missing_s for life in lives) < 2.0, lives
 
 
 def test_a_recorder_completes_at_its_start_what_was_torn(tmp_path: Path) -> None:
