@@ -182,7 +182,7 @@ class Caches:
                 due = not questions.busy and time.monotonic() >= questions.due_s and source not in self._gone
                 questions.busy = questions.busy or due
             if due:
-                self._ask(topic, source, f"_sn={first}..{last}", self._receiver.receive, self._answered)
+                self._ask(topic, source, f"_sn={first}..{last}", self._receiver.receive_cached, self._answered)
 
     def _answered(self, source: Source) -> None:
         """The cache has given what it has."""
@@ -204,7 +204,7 @@ class Caches:
                 return
             questions.busy = True
             first = self._receiver.ledger.expected(source)
-        self._ask(topic, source, f"_sn={first}..", self._receiver.receive, self._free)
+        self._ask(topic, source, f"_sn={first}..", self._receiver.receive_cached, self._free)
 
     def _ask_newest(self, topic: str, source: Source) -> None:
         def heard(sample: zenoh.Sample) -> None:

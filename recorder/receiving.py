@@ -95,7 +95,6 @@ class Receiver:
         self.lock = threading.RLock()
         self.ledger = Ledger()
         self.received_bytes = 0
-        self.opened_ns = time.time_ns()
         self.counts: dict[str, int] = {}
         self._prefix, self._patterns = prefix, patterns
         self._fence_key, self._fence = f"{prefix}recorder/fence", threading.Condition()
@@ -186,8 +185,12 @@ class Receiver:
             self._intake = None
             self._pre_roll.clear()
 
-    def receive(self, sample: zenoh.Sample) -> None:
-        """Take in a sample, from the network or out of a publisher's cache."""
+    def receive_cached(self, sample: zenoh.Sample) -> None:
+        """Take in a sample out of a publisher's cache."""
+        self.receive(sample, cached=True)
+
+    def receive(self, sample: zenoh.Sample, cached: bool = False) -> None:
+        """Take in a sample as it comes from the network, or out of a cache (`cached`)."""
         log_ns = time.time_ns()
         key = str(sample.key_expr)
         route = self._routes.get(key) or self._route(key)
@@ -209,7 +212,7 @@ class Receiver:
                 source = (self._sessions.get(session) or self._session(session), identity.eid)
                 if not self.ledger.arrived(route.topic, source, number, publish_ns):
                     return
-                if source in self._late and publish_ns < self._start_ns:
+                if cached and source in self._late and publish_ns < self._start_ns:
                     self.ledger.began_late(source, number + 1)
                     return
             if sample.kind == _PUT:
@@ -229,7 +232,7 @@ class Receiver:
         channel = route.channels.get(encoding) or self._channel(route, encoding)
         intake = self._intake
         if intake is None:
-            if route.early and publish_ns >= self.opened_ns:
+            if route.early:
                 self._pre_roll.add(channel, number, log_ns, publish_ns, payload)
         elif not self._paused:
             if channel and intake.add(channel, number, log_ns, publish_ns, payload, route.essential, route.action):
@@ -238,7 +241,7 @@ class Receiver:
                 self.ledger.refused(route.topic, source, publish_ns)
         if route.poses:
             self._on_poses(payload)
-        elif route.action and publish_ns >= self.opened_ns:
+        elif route.action:
             self._on_action(Arrival(log_ns, payload, intake is not None and not self._paused))
 
     def _session(self, session: zenoh.ZenohId) -> str:
@@ -252,7 +255,7 @@ class Receiver:
     def _route(self, key: str) -> Route:
         relative = key.removeprefix(self._prefix)
         topic = f"/{relative}"
-        own = relative.split("/", 1)[0] in NOT_RECORDED
+        own = relative == key or relative.split("/", 1)[0] in NOT_RECORDED
         route = Route(topic, not own and "@" not in {chunk[:1] for chunk in relative.split("/")})
         route.recorded = route.recorded and self._patterns.admit(topic)
         with self.lock:
