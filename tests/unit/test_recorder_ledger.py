@@ -1,0 +1,135 @@
+"""The loss ledger: whatever comes in whatever order, what is missing is counted, once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from recorder.feedback import gaps_near_actions
+from recorder.ledger import Ledger, Loss
+
+S, T = ("session", 1), ("session", 2)
+NS = 1_000_000_000
+
+
+def counting() -> Ledger:
+    ledger = Ledger()
+    ledger.arrived("/force", S, 0, 0)
+    ledger.begin()
+    return ledger
+
+
+@given(st.lists(st.integers(1, 60), max_size=80))
+def test_what_is_missing_is_what_never_arrived(numbers: list[int]) -> None:
+    ledger = counting()
+    for number in numbers:
+        ledger.arrived("/force", S, number, number)
+    missing = set(range(1, max(numbers, default=0) + 1)) - set(numbers)
+    assert ledger.lost(["/force"]) == {"/force": len(missing)}
+
+
+@given(st.lists(st.integers(1, 60), max_size=80))
+def test_every_number_is_let_in_exactly_once(numbers: list[int]) -> None:
+    ledger = counting()
+    let_in = [number for number in numbers if ledger.arrived("/force", S, number, 0)]
+    assert sorted(let_in) == sorted(set(numbers))
+
+
+def test_numbers_begin_anew_after_the_last() -> None:
+    ledger = Ledger()
+    ledger.arrived("/force", S, 2**32 - 2, 0)
+    ledger.begin()
+    assert ledger.arrived("/force", S, 1, 0)
+    assert ledger.lost() == {"/force": 2}
+    assert ledger.arrived("/force", S, 2, 0)
+    assert not ledger.arrived("/force", S, 1, 0)
+
+
+def test_a_plain_publisher_makes_losses_unknowable() -> None:
+    ledger = counting()
+    ledger.arrived_unnumbered("/sound")
+    assert ledger.lost(["/force", "/sound", "/never"]) == {"/force": 0, "/sound": None, "/never": None}
+
+
+def test_what_was_missing_before_the_start_does_not_count_but_is_let_in() -> None:
+    ledger = Ledger()
+    ledger.arrived("/force", S, 0, 0)
+    ledger.arrived("/force", S, 5, 0)
+    ledger.begin()
+    assert ledger.lost(["/force"]) == {"/force": 0}
+    assert ledger.arrived("/force", S, 3, 0)
+    assert not ledger.arrived("/force", S, 3, 0)
+
+
+def test_what_is_missed_while_paused_does_not_count() -> None:
+    ledger = counting()
+    ledger.pause()
+    ledger.arrived("/force", S, 10, 0)
+    ledger.resume()
+    ledger.arrived("/force", S, 13, 0)
+    assert ledger.lost() == {"/force": 2}
+
+
+def test_a_split_hands_over_what_may_still_come() -> None:
+    ledger = counting()
+    ledger.arrived("/force", S, 3, 0)
+    ledger.arrived("/force", S, 6, 0)
+    ledger.open_gaps[S][0].hopeless = True
+    lost, _ = ledger.split(["/force"])
+    assert lost == {"/force": 2}
+    assert ledger.lost(["/force"]) == {"/force": 2}
+    ledger.arrived("/force", S, 4, 0)
+    assert ledger.lost(["/force"]) == {"/force": 1}
+
+
+def test_a_publisher_that_appears_during_the_recording_begins_at_0() -> None:
+    ledger = Ledger()
+    ledger.begin()
+    ledger.arrived("/force", S, 7, 0)
+    ledger.appeared("/force", S, 0)
+    ledger.appeared("/force", T, 0)
+    ledger.arrived("/force", T, 2, 0)
+    assert ledger.lost() == {"/force": 9}
+    ledger.began_late(S, 5)
+    assert ledger.lost() == {"/force": 4}
+
+
+def test_any_number_of_gaps_is_counted_exactly_in_bounded_memory() -> None:
+    ledger = counting()
+    rng = np.random.default_rng(0)
+    number = missing = 0
+    for _ in range(5_000):
+        step = int(rng.integers(2, 6))
+        number += step
+        missing += step - 1
+        ledger.arrived("/force", S, number, 0)
+    assert ledger.lost() == {"/force": missing}
+    assert sum(len(gaps) for gaps in ledger.open_gaps.values()) <= 1_024
+
+
+def test_refusals_count_whether_numbered_or_not() -> None:
+    ledger = counting()
+    for _ in range(3_000):
+        ledger.refused("/force", S, 0)
+        ledger.refused("/sound", None, 0)
+    ledger.unwritten("/force", 5)
+    ledger.arrived_unnumbered("/sound")
+    assert ledger.refusals == {"/force": 3_005, "/sound": 3_000}
+    assert ledger.lost() == {"/force": 3_005, "/sound": None}
+
+
+@pytest.mark.parametrize(
+    ("loss", "marked"),
+    [
+        (Loss("/poses", 3, 9 * NS, 10 * NS), True),
+        (Loss("/gripper", 3, 10 * NS, 11 * NS), True),
+        (Loss("/poses", 3, 2 * NS, 8 * NS), False),
+        (Loss("/poses", 3, 13 * NS, 14 * NS), False),
+        (Loss("/image", 3, 9 * NS, 11 * NS), False),
+        (Loss("/action", 1, 90 * NS, 91 * NS), True),
+    ],
+)
+def test_a_loss_marks_a_demonstration_where_it_may_have_falsified_an_action(loss: Loss, marked: bool) -> None:
+    assert bool(gaps_near_actions([loss], [(10 * NS, "pick")])) == marked
