@@ -34,6 +34,8 @@ MOST_ALARMS: Final = 20
 SETTLE_S: Final = 0.4
 """Poses that arrive later than the press get so long before the operator is told that one is missing."""
 TICK_S: Final = 0.25
+ALONE_S: Final = (0.0, 0.2, 0.3)
+"""Between the looks for another recorder."""
 FENCE_S: Final = 10.0
 """So long a request waits for the samples that came before it."""
 SETTLE_NETWORK_S: Final = 4.0
@@ -156,9 +158,12 @@ class Recorder:
         return f"{self._prefix}recorder/{verb}"
 
     def _be_alone(self) -> None:
-        for reply in self._session.liveliness().get(self._key("alive"), timeout=2.0):
-            if reply.ok is not None:
-                raise SecondRecorderError(self.cell)
+        for pause_s in ALONE_S:
+            # A session that was opened just now hears only little by little what others have declared.
+            time.sleep(pause_s)
+            for reply in self._session.liveliness().get(self._key("alive"), timeout=2.0):
+                if reply.ok is not None:
+                    raise SecondRecorderError(self.cell)
 
     # --- requests
 

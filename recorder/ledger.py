@@ -163,10 +163,17 @@ class Ledger:
     # --- what publishers say of themselves
 
     def heard(self, topic: str, source: Source, last: int, stamp_ns: int) -> None:
-        """The source itself says that `last` was its newest number."""
+        """The source itself says that `last` was its newest number.
+
+        Of a source unknown until now, earlier samples may still be on their way: they are let in, and not missing.
+        """
         upcoming = (last + 1) % _WRAP
-        account = self._accounts.setdefault(source, _Account(topic, upcoming, upcoming, stamp_ns, self._counting))
-        self._up_to(account, source, upcoming, stamp_ns)
+        account = self._accounts.get(source)
+        if account is None:
+            on_their_way = Gap(topic, source, 0, last, stamp_ns, stamp_ns, counted=False)
+            self._accounts[source] = _Account(topic, upcoming, upcoming, stamp_ns, False, [on_their_way])
+        else:
+            self._up_to(account, source, upcoming, stamp_ns)
 
     def appeared(self, topic: str, source: Source, stamp_ns: int) -> None:
         """A source came to the network during the recording: its numbers begin at 0."""

@@ -88,6 +88,14 @@ def ask(session: zenoh.Session, verb: str, request: Any = None, prefix: str = PR
     raise TimeoutError(f"no recorder answered {verb}")
 
 
+def answers(session: zenoh.Session, prefix: str = PREFIX) -> bool:
+    """Whether the recorder can be reached."""
+    try:
+        return bool(ask(session, "status", prefix=prefix))
+    except (TimeoutError, Refused, ValueError, KeyError):
+        return False
+
+
 class Cell:
     """Publishes as the contract's section 1 asks of a cell."""
 
@@ -114,13 +122,7 @@ class Cell:
 
     def await_answer(self) -> None:
         """Until the recorder is reachable from the cell's session."""
-        wait_for(lambda: self._answers())
-
-    def _answers(self) -> bool:
-        try:
-            return bool(self.ask("status"))
-        except (TimeoutError, Refused):
-            return False
+        wait_for(lambda: answers(self.session))
 
     def put_poses(self, poses: Mapping[str, Pose], stamp_ns: int | None = None) -> int:
         stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from support_recorder import CELL, PREFIX, START, Cell, Refused, ask, network, recording_cell, wait_for
+from support_recorder import CELL, PREFIX, START, Cell, Refused, answers, ask, network, recording_cell, wait_for
 
 from learner.model import Pose
 from recorder.daemon import Options, Recorder
@@ -85,11 +85,11 @@ def test_the_recorder_is_seen_to_be_alive(tmp_path: Path) -> None:
 
 def test_a_second_recorder_for_a_cell_refuses_to_start(tmp_path: Path) -> None:
     with network() as (ours, theirs), Recorder(ours, CELL, tmp_path / "one"):
-        wait_for(lambda: ask(theirs, "status"))
+        wait_for(lambda: answers(theirs))
         with pytest.raises(SecondRecorderError, match="cell1 already has a recorder"), Recorder(theirs, CELL, tmp_path):
             pass
         with Recorder(theirs, "cell2", tmp_path / "two"):
-            assert ask(ours, "status", prefix="treewright/cell2")["state"] == "idle"
+            wait_for(lambda: answers(ours, prefix="treewright/cell2"))
         assert ask(theirs, "status")["state"] == "idle"
 
 

@@ -96,6 +96,16 @@ def test_a_publisher_that_appears_during_the_recording_begins_at_0() -> None:
     assert ledger.lost() == {"/force": 4}
 
 
+def test_what_a_source_says_of_itself_does_not_shut_out_what_is_on_its_way() -> None:
+    ledger = Ledger()
+    ledger.heard("/force", S, 4, 0)
+    ledger.begin()
+    assert [ledger.arrived("/force", S, number, 0) for number in (3, 4, 4, 5)] == [True, True, False, True]
+    assert ledger.lost(["/force"]) == {"/force": 0}
+    ledger.heard("/force", S, 8, 0)
+    assert ledger.lost() == {"/force": 3}
+
+
 def test_any_number_of_gaps_is_counted_exactly_in_bounded_memory() -> None:
     ledger = counting()
     rng = np.random.default_rng(0)
