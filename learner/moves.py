@@ -32,11 +32,17 @@ class Move:
 
 
 def moves_of(number: int, demonstration: Demonstration, parameters: Parameters) -> tuple[list[Move], list[str]]:
-    """The moves of one demonstration, and a note on each that was left out: one that the very next move corrects."""
+    """The moves of one demonstration, and a note on each that was left out.
+
+    Left out are what the very next move corrects, and what was put back to where this demonstration had put it before.
+    """
     kept: list[Move] = []
     notes: list[str] = []
     for pair in _pairs(number, demonstration):
         move = replace(pair, put_back=_displacement_m(demonstration, pair) < parameters.put_back_m)
+        if move.put_back and any(earlier.object == move.object for earlier in kept):
+            notes.append(f"{_where(demonstration, move)}: {move.object} was put back; not part of the task")
+            continue
         if kept and kept[-1].object == move.object and kept[-1].release is not None:
             notes.append(f"{_where(demonstration, kept[-1])}: {move.object} was moved again at once; the last counts")
             kept.pop()

@@ -49,8 +49,9 @@ class Parameters:
     """At least so many actions make a cluster (paper, section III-E)."""
     min_share: float = 0.3
     """A cluster needs this share of the demonstrations, and of the users where there are several."""
-    noise_floor_m: float = 0.003
-    """Added to a cluster's radius in its score, so that a chance coincidence below the noise is not worth more."""
+    noise_floor_m: float = 0.01
+    """Added to a cluster's radius in its score: about the radius that noise alone gives, so that a few samples that lie
+    tighter by chance are not worth more than many."""
     place_sigma_m: float = 0.005
     drop_sigma_m: float = 0.03
     """Expected scatter of placed and of dropped objects in the true frame, per axis."""

@@ -160,6 +160,9 @@ class TargetFinder:
         return replace(cluster, members=tuple(sorted(strays | set(cluster.members))))
 
     def _quorum(self, numbers: Sequence[int]) -> bool:
+        """Whether enough demonstrations and users share it, and most of them did not merely put the object back."""
+        if 2 * sum(self.moves[number].put_back for number in numbers) > len(numbers):
+            return False
         users = {self._sample(number).user for number in numbers}
         demonstrations = {self._sample(number).demonstration for number in numbers}
         return len(users) >= self.min_users and len(demonstrations) >= self.min_samples

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -66,8 +65,10 @@ def sizes(results: Sequence[Result]) -> str:
     return str(found[0]) if found[0] == found[-1] else f"{found[0]} to {found[-1]}"
 
 
-def limit(results: Sequence[Result]) -> int:
+def limit(results: Sequence[Result]) -> int | str:
     """The bar on the size: 11k + 1 nodes for one goal group, 11k + g + 1 for g of them."""
+    if not any("nodes" in result for result in results):
+        return "-"
     groups = max((result.get("groups", 1) for result in results), default=1)
     k = max((result.get("k", 0) for result in results), default=0)
     return 11 * k + 1 + (groups if groups > 1 else 0)
@@ -80,9 +81,9 @@ def success_table(results: Sequence[Result]) -> str:
     rows = []
     for (task, users, method), cells in grouped(results, "scenario", "users", "method").items():
         runs = runs_of(cells, plain)
-        contacts = sum(run["contacts"] for run in runs) / len(runs) if runs else math.nan
+        contacts = f"{sum(run['contacts'] for run in runs) / len(runs):.2f}" if runs else "-"
         rows.append((task, users, method, sum("refused" in cell for cell in cells), share(runs), worst(cells),
-                     false_successes(runs_of(cells)), share(runs_of(cells, beyond)), f"{contacts:.2f}", sizes(cells),
+                     false_successes(runs_of(cells)), share(runs_of(cells, beyond)), contacts, sizes(cells),
                      limit(cells)))  # fmt: skip
     return table(head, rows)
 
