@@ -1,10 +1,10 @@
 #!/bin/sh
 # Certificates for one cell: an authority of its own, the router's, and one for each party, named by its common name.
-# Usage: make-certificates.sh FOLDER ROUTER_HOST [PARTY...]      default parties: recorder cell operator service
+# Usage: make-certificates.sh FOLDER ROUTER_HOST [PARTY...]      default parties: recorder cell operator service controller
 set -eu
 folder=$1 host=$2
 shift 2
-[ $# -gt 0 ] || set -- recorder cell operator service
+[ $# -gt 0 ] || set -- recorder cell operator service controller
 umask 077
 mkdir -p "$folder"
 cd "$folder"

@@ -26,7 +26,10 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if shutil.which("openssl") is None:
         pytest.skip("openssl is not here")
     folder = tmp_path_factory.mktemp("tls")
-    for name, parties in (("ours", ["recorder", "cell", "operator", "stranger"]), ("theirs", ["recorder"])):
+    for name, parties in (
+        ("ours", ["recorder", "cell", "operator", "controller", "stranger"]),
+        ("theirs", ["recorder"]),
+    ):
         script = ["sh", str(SECURITY / "make-certificates.sh"), str(folder / name), "localhost", *parties]
         subprocess.run(script, check=True)
     return folder
@@ -105,6 +108,32 @@ def test_a_stranger_can_neither_publish_poses_nor_start_a_recording(
             wait_for(lambda: ask(operator, "status")["actions_durable"] == 1)
         status = ask(operator, "status")
         assert (status["state"], status["messages"]) == ("recording", {"/action": 1})
+
+
+def test_a_controller_sees_poses_and_uses_skills_but_publishes_nothing(certificates: Path, endpoint: str) -> None:
+    tls = certificates / "ours"
+    seen: list[bytes] = []
+    with (
+        opened("router.json5", endpoint, tls),
+        opened("cell.json5", endpoint, tls) as cell,
+        opened("controller.json5", endpoint, tls) as controller,
+        opened("recorder.json5", endpoint, tls) as recorder,
+        cell.declare_queryable(f"{PREFIX}/skills/Pick", lambda query: query.reply(query.key_expr, b"done")),
+        controller.declare_subscriber(f"{PREFIX}/poses", lambda sample: seen.append(sample.payload.to_bytes())),
+    ):
+        heard: list[bytes] = []
+        with recorder.declare_subscriber(f"{PREFIX}/poses", lambda sample: heard.append(sample.payload.to_bytes())):
+            wait_for(lambda: _put(cell, b"by the cell") and b"by the cell" in seen and b"by the cell" in heard)
+            _put(controller, b"forged")
+            replies = controller.get(f"{PREFIX}/skills/Pick", payload="{}", timeout=5.0)
+            assert [reply.ok.payload.to_bytes() for reply in replies if reply.ok] == [b"done"]
+            wait_for(lambda: _put(cell, b"by the cell again") and b"by the cell again" in heard)
+        assert b"forged" not in heard
+
+
+def _put(session: zenoh.Session, payload: bytes) -> bool:
+    session.put(f"{PREFIX}/poses", payload, congestion_control=zenoh.CongestionControl.BLOCK)
+    return True
 
 
 def test_a_client_of_another_authority_gets_no_connection(certificates: Path, endpoint: str) -> None:
