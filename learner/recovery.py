@@ -16,7 +16,7 @@ from learner.executables import Executables
 from learner.groups import Step
 from learner.model import Condition, Definition, Demonstration, InGripper, Node, ObjectAt, Pick, Place, Pose, SetGripper
 from learner.model.condition import DROP_RADIUS_M, GripperIs, ObjectRoughlyAt
-from learner.model.names import identifier
+from learner.model.names import distinct_identifiers
 from learner.model.pose import Array, conjugate, rotate
 from learner.model.tree import RECOVERY_PREFIX, Value, fallback, leaf, sequence, subtree
 from learner.rounding import rounded_pose, rounded_vector
@@ -66,6 +66,7 @@ class Recovery:
     def __init__(self, demonstrations: Sequence[Demonstration], actions: Executables, targets: Sequence[Target]):
         self.demonstrations, self.actions, self.targets = demonstrations, actions, targets
         self.base = demonstrations[0].base_frame
+        self.ids = distinct_identifiers({name for d in demonstrations for name in (*d.objects, d.base_frame)})
         self.picks = self._picks()
         self.ups = {name: self._up(name) for name in self.picks}
         self.covers = self._covers()
@@ -91,7 +92,7 @@ class Recovery:
         covers = [cover for cover in self._covers_of(name) if cover.object not in grounded]
         if not occupied and not covers:
             return ()
-        tree_id = self._unique(f"{RECOVERY_PREFIX}Room_for_{identifier(name)}_at_{identifier(place.frame)}")
+        tree_id = self._unique(f"{RECOVERY_PREFIX}Room_for_{self.ids[name]}_at_{self.ids[place.frame]}")
         uncovered = sequence(*(_not(cover.condition) for cover in covers)) if covers else None
         clear = [*map(_not, occupied), *([fallback(leaf(InGripper(name)), uncovered)] if uncovered else [])]
         lifts = [_then(condition, self._lift(condition.object)) for condition in occupied]
@@ -112,7 +113,7 @@ class Recovery:
         raised = [] if self._own_target(frame) else self._raised(step)
         if not raised:
             return ()
-        tree_id = f"{RECOVERY_PREFIX}Stand_{identifier(frame)}"
+        tree_id = f"{RECOVERY_PREFIX}Stand_{self.ids[frame]}"
         clear = sequence(*(_not(cover.condition) for cover in raised))
         lifts = _first([_then(cover.condition, self._lift(frame)) for cover in raised])
         body = fallback(clear, sequence(self._put_down(), lifts), reactive=False)
@@ -228,7 +229,7 @@ class Recovery:
         covers = self._covers_of(name)
         if not covers:
             return leaf(self.picks[name])
-        tree_id = f"{RECOVERY_PREFIX}Lift_{identifier(name)}"
+        tree_id = f"{RECOVERY_PREFIX}Lift_{self.ids[name]}"
         lifts = [_then(cover.condition, self._off(cover, (name,))) for cover in covers]
         self._definitions[tree_id] = Definition(tree_id, _first([*lifts, leaf(self.picks[name])]))
         return subtree(tree_id)

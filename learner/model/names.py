@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Final
 
 from learner.errors import NameRefusedError
@@ -39,3 +40,15 @@ def check_alias(name: object) -> str:
 def identifier(name: str) -> str:
     """`name` as an ID of BehaviorTree.CPP: what is not a letter, a digit or '_' becomes '_' (CONTRACT, section 3)."""
     return re.sub(r"[^A-Za-z0-9_]", "_", name)
+
+
+def distinct_identifiers(names: Iterable[str]) -> dict[str, str]:
+    """An ID for each name, no two alike: names that differ only in '.' and '-' get a number behind the second."""
+    found: dict[str, str] = {}
+    for name in sorted(set(names)):
+        candidate, number = identifier(name), 1
+        while candidate in found.values():
+            number += 1
+            candidate = f"{identifier(name)}_{number}"
+        found[name] = candidate
+    return found

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from learner.errors import LearnerError, NameRefusedError
 from learner.model import check_alias, check_name
-from learner.model.names import identifier
+from learner.model.names import distinct_identifiers, identifier
 from learner.model.tree import IDENTIFIER
 
 KINDS = ["cell", "task", "user", "object", "frame"]
@@ -91,3 +91,10 @@ def test_every_name_becomes_an_identifier_of_letters_digits_and_underscores(name
     assert len(found) == len(name)
     assert IDENTIFIER.fullmatch(f"T{found}")
     assert identifier(found) == found
+
+
+def test_names_that_differ_only_in_their_punctuation_get_distinct_identifiers() -> None:
+    found = distinct_identifiers(["part.1", "part-1", "part_1", "other"])
+    assert len(set(found.values())) == 4
+    assert found["other"] == "other"
+    assert all(IDENTIFIER.fullmatch(value) for value in found.values())
