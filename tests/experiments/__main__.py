@@ -40,9 +40,20 @@ nothing is held, the tree says SUCCESS, after a disturbance, with at most three 
 run, with 3 mm and 1 degree of noise in every pose that the tree sees. *Done* counts the runs in which nothing was
 covered or occupied; *recovery* those in which a way out had to be found that no demonstration shows. *False success*
 is a tree that says SUCCESS for a second while the task is not done (users 13 and 14 mean another task). In the cell
-*expert* the hand misses by 3 mm and
-the camera by 1.5 mm; in *real*, markers are crooked and flip, the hand hides objects, presses name none, cubes are
-grasped at quarter turns, and every tenth step begins with a wrong cube that is put back."""
+*expert* the hand misses by 3 mm and the camera by 1.5 mm; in *real*, markers are crooked and flip, the hand hides
+objects, presses name none, cubes are grasped at quarter turns, and every tenth step begins with a wrong cube that is
+put back. Ten sets of demonstrations a task, of 3 and of 10 demonstrations (6 where there are two goals); the worst set
+is one of 19 runs, so that a single failure already puts it at about 94 %.
+
+What is below a bar, and why, as far as failing runs were traced: a cube that lies within the noise of a radius, so
+that its condition flickers and the tree begins a pick, gives it up and begins again until the actions are used up; in
+*decoy* and *two_goals*, recoveries that need about as many actions as are allowed (six in *decoy*, where three cubes
+have to be moved); and in *hanoi*, *kitting6* and *pyramid*, a cube that stands partly in the way, too far from the
+middle of the place to count as occupying it, upon which placing fails again and again. The plain method's refused sets
+are those for which its planner does not reach the goal in its own world; the published code was measured to fare better
+on the tower of Hanoi (5 of 11 sets at three demonstrations), which ours does not reproduce.
+
+Not here: runs in the physical simulation with the arm (the tests have some), and a repair of trees from failed runs."""
 
 
 def _arguments() -> argparse.Namespace:
@@ -50,7 +61,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="two sets of demonstrations, one run of each kind")
     parser.add_argument("--only", nargs="+", metavar="TASK", default=list(SCENARIOS), help="these tasks")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), help="these methods")
-    parser.add_argument("--counts", nargs="+", type=int, metavar="N", default=[3, 5, 10], help="demonstrations a set")
+    parser.add_argument("--counts", nargs="+", type=int, metavar="N", default=[3, 10], help="demonstrations a set")
     parser.add_argument("--folder", type=Path, default=Path("build/experiments"), help="where results are kept")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument(
