@@ -26,11 +26,10 @@ HOME: Final = pointing_down(0.38, 0.0, 0.35, 0.0)
 
 @dataclass(frozen=True)
 class Touch:
-    """A contact of the hand or arm with a body: the vertical part [0, 1] of its normal, and its force [N]."""
+    """A contact of the hand or arm with a body, and the vertical part [0, 1] of its normal."""
 
     body: int
     verticality: float
-    force_n: float
 
 
 class Arm:
@@ -46,7 +45,6 @@ class Arm:
             # Only the constraint of a good grasp holds an object; friction must not hold a bad one.
             bullet.changeDynamics(self.body, finger, lateralFriction=0.0)
         self._commanded = np.zeros(JOINTS)
-        self._width_m = OPEN_WIDTH_M
         self.go_home()
 
     def go_home(self) -> None:
@@ -113,7 +111,6 @@ class Arm:
 
     def set_width(self, width_m: float) -> None:
         """Let the fingers move to a distance from each other, or as far as they can."""
-        self._width_m = width_m
         for finger in FINGER_JOINTS:
             self._bullet.setJointMotorControl2(
                 self.body,
@@ -124,16 +121,11 @@ class Arm:
                 maxVelocity=FINGER_SPEED_M_PER_S,
             )
 
-    @property
-    def commanded_width_m(self) -> float:
-        """The distance to which the fingers were last sent."""
-        return self._width_m
-
     def touches(self) -> list[Touch]:
         """What the arm and its hand press against, itself not counted."""
         contacts: Sequence[tuple[Any, ...]] = self._bullet.getContactPoints(bodyA=self.body)
         return [
-            Touch(contact[2], abs(contact[7][2]), contact[9])
+            Touch(contact[2], abs(contact[7][2]))
             for contact in contacts
             if contact[2] != self.body and contact[9] > TOUCH_N
         ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from types import TracebackType
 from typing import Any, Final, Literal, Self
 
@@ -329,8 +329,3 @@ def _angle_to_quarter_turns(tool: Pose, cube: Pose) -> float:
     a, b, c, d = sorted((abs(value) for value in relative), reverse=True)
     cosine = max(a, (a + b) / math.sqrt(2), (a + b + c + d) / 2)
     return 2 * math.acos(min(1.0, cosine))
-
-
-def graspable_objects(bodies: Mapping[str, Body]) -> tuple[str, ...]:
-    """The objects that the fingers can hold."""
-    return tuple(sorted(name for name, body in bodies.items() if body.graspable))
