@@ -93,7 +93,7 @@ class Executables:
         sides = sorted(shape.size_m)[1:]
         inside = min(sides) / 2 if min(sides) > 0 else np.inf
         contained = inside if np.linalg.norm(rest) < max(shape.size_m) / 2 else np.inf
-        apart = 0.49 * self.nearest_m.get(target, np.inf) if target.frame != target.object else np.inf
+        apart = 0.49 * self.nearest_m.get(target, np.inf)
         return rounded(max(p.least_radius_m, min(p.drop_radius_m, contained, max(apart, p.place_radius_m))))
 
 

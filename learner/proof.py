@@ -97,9 +97,10 @@ class AbstractWorld:
         """The distinct places of an object; of a pile in one frame only the lowest, the others follow."""
         found: list[Place] = []
         own = [n for n in leaves if dict(n.ports).get("object") == name]
-        spoken = [n for n in own if n.kind.startswith("Object") and not self._is_spot(n)]
-        spots = sorted({(str(n.port("frame")), _vector(n.port("position"))) for n in spoken})
         targets = {(str(n.port("frame")), self._let_go(n)) for n in own if n.kind in ("Place", "Drop")}
+        dropped = [self._let_go(n) for n in own if n.kind == "Drop" and n.port("frame") == self.base_frame]
+        spoken = [n for n in own if n.kind.startswith("Object") and not self._is_spot(n, dropped)]
+        spots = sorted({(str(n.port("frame")), _vector(n.port("position"))) for n in spoken})
         for frame, position in spots:
             placed = any(f == frame and np.linalg.norm(np.subtract(p, position)) < RESTS_M for f, p in targets)
             lowest = not any(f == frame and _below(p, position) for f, p in spots)
@@ -108,9 +109,12 @@ class AbstractWorld:
                 found.append(Place(frame, position))
         return found
 
-    def _is_spot(self, node: Node) -> bool:
+    def _is_spot(self, node: Node, dropped: Sequence[tuple[float, float, float]]) -> bool:
         """Whether a condition asks for a free spot on the table: a rough one in the base that no drop leads to."""
-        return node.kind == "ObjectRoughlyAt" and node.port("frame") == self.base_frame
+        if node.kind != "ObjectRoughlyAt" or node.port("frame") != self.base_frame:
+            return False
+        position, reach_m = _vector(node.port("position")), float(node.port("radius"))  # type: ignore[arg-type]  # a radius is a number
+        return all(np.linalg.norm(np.subtract(at, position)[:2]) > reach_m for at in dropped)
 
     def _let_go(self, node: Node) -> tuple[float, float, float]:
         """Where the object's origin is when the end-effector stands at the target of a Place or Drop."""

@@ -79,6 +79,15 @@ def test_learned_trees_are_proven(name: str) -> None:
     assert learned.certificate["exhaustive"]
 
 
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("name", ["object_in_box", "tower_and_box"])
+def test_trees_of_too_few_demonstrations_for_a_frame_are_proven_too(name: str, count: int) -> None:
+    """What was dropped has its place in the base then, which is no free spot."""
+    learned = learn(demonstrated(SCENARIOS[name], count, 31))
+    assert learned.certificate is not None
+    assert learned.certificate["counterexample"] is None
+
+
 @pytest.mark.parametrize("name", ["object_in_box", "tower_and_box", "placed_twice"])
 def test_most_trees_made_wrong_on_purpose_are_refuted(name: str) -> None:
     scenario = SCENARIOS[name]
