@@ -7,7 +7,7 @@ anywhere on the table, any yaw, nothing overlapping, such that the demonstration
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -84,6 +84,10 @@ class Start:
     fixed: Mapping[str, Spot] | None = None
 
 
+def _everywhere(x: float, y: float) -> bool:
+    return True
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A task: the objects, the ways in which it is demonstrated, the goals of which one must hold in the end.
@@ -100,6 +104,8 @@ class Scenario:
     any_order: bool = False
     clear: float = 0.02
     least: int = 3
+    reaches: Callable[[float, float], bool] = _everywhere
+    """Whether an arm reaches what stands at a point of the table [m]."""
 
     @property
     def placements(self) -> int:
@@ -130,13 +136,15 @@ class Scenario:
         half_x, half_y, half_z = (size / 2 for size in self.objects[relation.frame].shape.size_m)
         return abs(at.x) < half_x and abs(at.y) < half_y and abs(at.z) < half_z
 
-    def draw_start(self, rng: np.random.Generator, script: tuple[Step, ...] | None = None) -> dict[str, Spot]:
+    def draw_start(
+        self, rng: np.random.Generator, script: tuple[Step, ...] | None = None, tries: int = 5000
+    ) -> dict[str, Spot]:
         """Random spots from which the task can be done without meeting anything.
 
         To demonstrate `script`, nothing that it moves stands at its place already. Raises RuntimeError if no start is
         found.
         """
-        for _ in range(5000):
+        for _ in range(tries):
             spots = _drawn(self, rng)
             ways = (*self._relevant(script), *(_as_steps(goal) for goal in self.goals))
             if spots is None or not all(_possible(self, spots, steps) for steps in ways):
@@ -172,6 +180,8 @@ def _drawn(scenario: Scenario, rng: np.random.Generator) -> dict[str, Spot] | No
         for name in stack[1:]:
             spots[name] = _atop(scenario, spots, name, *stacked[name], rng)
     on_table = [name for name in spots if name not in stacked]
+    if not all(scenario.reaches(spots[name].x, spots[name].y) for name in on_table):
+        return None
     return spots if _apart(scenario, spots, on_table) else None
 
 
@@ -228,7 +238,7 @@ def _possible(scenario: Scenario, spots: Mapping[str, Spot], steps: tuple[Step, 
     for step in steps:
         frame = now.get(step.frame, ORIGIN)
         there = frame.compose(Spot(*step.at, step.yaw or 0.0))
-        if not (x0 <= there.x <= x1 and y0 <= there.y <= y1):
+        if not (x0 <= there.x <= x1 and y0 <= there.y <= y1 and scenario.reaches(there.x, there.y)):
             return False
         now[step.object] = there
         if not _free(scenario, now, step) or not _free(scenario, {**spots, step.object: there}, step):
@@ -248,9 +258,11 @@ def _free(scenario: Scenario, spots: Mapping[str, Spot], step: Step) -> bool:
 
 
 def _holds_from_below(scenario: Scenario, spots: Mapping[str, Spot], name: str, bottom_m: float) -> bool:
+    """Whether it carries what has its bottom there; a box, only what does not go through its floor."""
     body = scenario.objects[name]
-    top = spots[name].z + (WALL_M - body.half_height if body.kind == "open_box" else body.half_height)
-    return top <= bottom_m + 0.01
+    if body.kind == "open_box":
+        return spots[name].z + WALL_M - body.half_height <= bottom_m + 0.002
+    return spots[name].z + body.half_height <= bottom_m + 0.01
 
 
 def tower(base: Step | None, *names: str, verb: Verb = "place") -> tuple[Step, ...]:
