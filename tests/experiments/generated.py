@@ -9,7 +9,7 @@ from random starts is drawn again, so that every task can be demonstrated and ev
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import combinations
@@ -18,7 +18,6 @@ from typing import Final
 import numpy as np
 
 from learner.model import ObjectShape
-from learner.model.pose import Vector
 from learner.simulation.gravity import WALL_M, Body, Spot
 from learner.simulation.kinematics import WORKSPACE_M
 
@@ -54,6 +53,22 @@ def generated(seed: int) -> Scenario:
         if scenario is not None and _can_be_shown(scenario, rng):
             return scenario
     raise RuntimeError(f"no task was found for the seed {seed}; the table is too full")
+
+
+def habitual(scenario: Scenario, seed: int) -> Scenario:
+    """The same task shown by people who hardly tidy up: some things stand nearly the same way in each demonstration.
+
+    How nearly is drawn for each thing; where they stand, from a start of the task.
+    """
+    rng = np.random.default_rng([seed, 20_261])
+    for _ in range(100):
+        homes = scenario.draw_start(rng, scenario.scripts[0])
+        some = [name for name in sorted(homes) if rng.random() < 0.5 and name not in (scenario.start.fixed or {})]
+        about = {name: (homes[name], float(10 ** rng.uniform(-3.0, -0.7))) for name in some}
+        candidate = replace(scenario, start=replace(scenario.start, about=about))
+        if _can_be_shown(candidate, rng):
+            return candidate
+    raise RuntimeError(f"no habit was found for {scenario.name}")
 
 
 def _can_be_shown(scenario: Scenario, rng: np.random.Generator) -> bool:

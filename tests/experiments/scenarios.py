@@ -76,12 +76,14 @@ class Start:
     """What is special about the starts.
 
     `stacks` are towers from the bottom up. Each of `near` (object, of, offset, spread) stands about that offset from
-    another object; exactly there and aligned with it if the spread is 0. `fixed` objects stand at a spot of the base.
+    another object; exactly there and aligned with it if the spread is 0. `fixed` objects stand at a spot of the base;
+    those of `about` within a standard deviation [m] of one, turned by five times as many [rad].
     """
 
     stacks: tuple[tuple[str, ...], ...] = ()
     near: tuple[tuple[str, str, Vector, float], ...] = ()
     fixed: Mapping[str, Spot] | None = None
+    about: Mapping[str, tuple[Spot, float]] | None = None
 
 
 def _everywhere(x: float, y: float) -> bool:
@@ -165,6 +167,7 @@ ORIGIN = Spot(0.0, 0.0, 0.0, 0.0)
 def _drawn(scenario: Scenario, rng: np.random.Generator) -> dict[str, Spot] | None:
     """One attempt; None where things overlap."""
     spots: dict[str, Spot] = dict(scenario.start.fixed or {})
+    spots |= {name: _about(home, sigma, rng) for name, (home, sigma) in (scenario.start.about or {}).items()}
     stacked = {name: (below, level) for stack in scenario.start.stacks for level, (name, below) in
                enumerate(zip(stack[1:], stack, strict=False), start=1)}  # fmt: skip
     beside = {name: rule for name, *rule in scenario.start.near}
@@ -190,6 +193,11 @@ def _anywhere(body: Body, rng: np.random.Generator) -> Spot:
     edge = body.radius if body.kind == "open_box" or not body.graspable else 0.03
     x, y = rng.uniform(x0 + edge, x1 - edge), rng.uniform(y0 + edge, y1 - edge)
     return Spot(float(x), float(y), body.half_height, float(rng.uniform(-math.pi, math.pi)))
+
+
+def _about(home: Spot, sigma: float, rng: np.random.Generator) -> Spot:
+    dx, dy, turn = (sigma * rng.standard_normal(3)).tolist()
+    return Spot(home.x + dx, home.y + dy, home.z, home.yaw + 5 * turn)
 
 
 def _atop(scenario: Scenario, spots: Mapping[str, Spot], name: str, below: str, level: int,
