@@ -51,12 +51,8 @@ class Arm:
         """Stand at HOME with open fingers at once, without moving there."""
         joints = inverse(HOME)
         assert joints is not None  # HOME is a constant within reach
-        for index, angle in enumerate(joints):
-            self._bullet.resetJointState(self.body, index, angle)
-        for finger in FINGER_JOINTS:
-            self._bullet.resetJointState(self.body, finger, OPEN_WIDTH_M / 2)
-        self.command(joints)
-        self.set_width(OPEN_WIDTH_M)
+        self.jump(joints)
+        self.jump_to_width(OPEN_WIDTH_M)
 
     @property
     def joints_rad(self) -> Array:
@@ -96,6 +92,12 @@ class Arm:
             positionGains=[0.5] * JOINTS,
         )
 
+    def jump(self, joints_rad: Array) -> None:
+        """Stand at these angles at once, and hold them: the motors have nothing to do."""
+        for index, angle in enumerate(joints_rad.tolist()):
+            self._bullet.resetJointState(self.body, index, angle)
+        self.command(joints_rad)
+
     def hold(self) -> None:
         """Stop where the arm is."""
         self.command(self.joints_rad)
@@ -120,6 +122,12 @@ class Arm:
                 force=FINGER_FORCE_N,
                 maxVelocity=FINGER_SPEED_M_PER_S,
             )
+
+    def jump_to_width(self, width_m: float) -> None:
+        """Let the fingers stand at a distance from each other at once."""
+        for finger in FINGER_JOINTS:
+            self._bullet.resetJointState(self.body, finger, width_m / 2)
+        self.set_width(width_m)
 
     def touches(self) -> list[Touch]:
         """What the arm and its hand press against, itself not counted."""

@@ -29,6 +29,11 @@ POSITION_LIMIT_RAD: Final = np.array(
     [(-2.96, 2.96), (-1.83, 1.83), (-2.96, 2.96), (-3.14, -0.07), (-2.96, 2.96), (-0.08, 3.82), (-np.inf, np.inf)]
 )
 
+REACH_M: Final = (0.28, 0.75)
+"""Horizontal distances from the base's axis within which a hand pointing down reaches every height up to 0.35 m."""
+REACH_RAD: Final = 2.8
+"""... to either side of straight ahead."""
+
 # Each joint turns about the z axis of its frame: offset [m] and roll [rad] about x from the frame before.
 _OFFSETS: Final = np.array(
     [
@@ -85,6 +90,11 @@ def inverse(target: Pose, tolerance_m: float = 1e-4, iterations: int = 12) -> Ar
         step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-6 * np.eye(6), error)
         joints = joints + np.clip(step, -0.3, 0.3)
     return None
+
+
+def reaches(x: float, y: float) -> bool:
+    """Whether a hand that points about straight down reaches a point of the table [m] at any yaw, and what is on it."""
+    return REACH_M[0] <= math.hypot(x, y) <= REACH_M[1] and abs(math.atan2(y, x)) <= REACH_RAD
 
 
 def tilt_rad(pose: Pose) -> float:

@@ -14,7 +14,7 @@ from learner.model import Pose
 from learner.model.pose import angle_between, mean_quaternion, multiply
 
 SAMPLES: Final = 9
-"""Observations that an estimate averages, if the object stood still over them."""
+"""Observations that an estimate usually averages, if the object stood still over them."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +35,17 @@ class Noise:
 
 
 class Camera:
-    """Sees every object, each time anew with noise."""
+    """Sees every object, each time anew with noise; an estimate averages the last `samples` looks."""
 
-    def __init__(self, noise: Noise, rng: np.random.Generator) -> None:
-        self.noise = noise
-        self._rng = rng
+    def __init__(self, noise: Noise, rng: np.random.Generator, samples: int = SAMPLES) -> None:
+        self.noise, self._rng, self._samples = noise, rng, samples
         self._seen: dict[str, deque[Pose]] = {}
 
     def observe(self, true_poses: Mapping[str, Pose]) -> dict[str, Pose]:
         """One noisy look at the true poses in the base."""
         seen = {name: self.noise.disturb(pose, self._rng) for name, pose in true_poses.items()}
         for name, pose in seen.items():
-            self._seen.setdefault(name, deque(maxlen=SAMPLES)).append(pose)
+            self._seen.setdefault(name, deque(maxlen=self._samples)).append(pose)
         return seen
 
     def forget(self) -> None:

@@ -344,6 +344,31 @@ class KinematicWorld:
             name, self.held = self.held, None
             self.table.lay(name, spot)
 
+    def lay(self, name: str, spot: Spot) -> None:
+        """A human puts an object that is not held onto whatever lies under `spot`; what stood on it falls."""
+        self.table.lay(name, spot)
+
+    def carry(self, name: str, spot: Spot) -> None:
+        """A human moves an object with all that stands on it."""
+        self.table.carry(name, spot)
+
+    def remember(self) -> tuple[dict[str, Spot], str | None]:
+        """What `recall` needs."""
+        return dict(self.table.spots), self.held
+
+    def recall(self, memory: tuple[dict[str, Spot], str | None]) -> None:
+        """Let everything stand, and be held, as it was at `remember`."""
+        spots, self.held = memory
+        self.table.spots.update(spots)
+
+    def hand_is_clear(self) -> bool:
+        """Always: nothing that a human lays meets the hand in this world."""
+        return True
+
+    def reaches(self, position: Vector) -> bool:
+        """Whether the arm can bring its fingertips there [m]."""
+        return reachable(position)
+
     # -- motions -------------------------------------------------------------------------------------------------
 
     def _motion(self, node: Node) -> Motion:

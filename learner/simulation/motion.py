@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 STEP_S: Final = 1 / 240
 KNOT_STEPS: Final = 8
 """Between two knots of inverse kinematics the joints run straight."""
+GLIDE_KNOTS: Final = 3
+"""Where the arm glides it goes so many knots at once: what World counts for a glide."""
 TURN_RAD_PER_S: Final = 2.0
 SETTLE_RAD: Final = 5e-4
 SETTLE_STEPS: Final = 60
@@ -91,14 +94,18 @@ def travel(world: World, path: Path, speed_m_per_s: float, watch: Watch) -> Trav
     """Follow a path, slowly at its ends, no faster than the joints can; stop where `watch` finds a reason."""
     duration_s = 1.5 * max(path.length_m / speed_m_per_s, path.turn_rad / TURN_RAD_PER_S)
     knots = max(1, math.ceil(duration_s / (KNOT_STEPS * STEP_S)))
-    for knot in range(1, knots + 1):
+    knot = 0
+    while knot < knots:
+        ahead = min(knot + GLIDE_KNOTS, knots)
+        glides = world.glides and world.may_glide(path.at(_smooth(knot / knots)), path.at(_smooth(ahead / knots)))
+        knot = ahead if glides else knot + 1
         fraction = _smooth(knot / knots)
         joints = world.arm.solve(path.at(fraction))
         if joints is None:
             world.arm.hold()
             return "the way there is out of reach"
-        for command in _between(world.arm.commanded_rad, joints):
-            world.arm.command(command)
+        for move in _glide(world, joints) if glides else _drive(world, joints):
+            move()
             yield
             reason = watch((1.0 - fraction) * path.length_m)
             if reason is not None:
@@ -106,6 +113,16 @@ def travel(world: World, path: Path, speed_m_per_s: float, watch: Watch) -> Trav
                 return reason
     yield from _settle(world)
     return None
+
+
+def _drive(world: World, joints: Array) -> Iterator[Callable[[], None]]:
+    """To joint angles by the motors: a move for each physics step."""
+    return (functools.partial(world.arm.command, angles) for angles in _between(world.arm.commanded_rad, joints))
+
+
+def _glide(world: World, joints: Array) -> Iterator[Callable[[], None]]:
+    """To joint angles at once."""
+    yield functools.partial(world.glide, joints)
 
 
 def wait(duration_s: float) -> Generator[None, None, None]:

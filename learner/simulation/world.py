@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from types import TracebackType
 from typing import Any, Final, Literal, Self
 
@@ -19,9 +19,10 @@ import pybullet
 from learner.errors import LearnerError
 from learner.model import Pose
 from learner.model.condition import GripperState
+from learner.model.pose import Array
 from learner.simulation.arm import GRIPPER_LINKS, OPEN_WIDTH_M, TOOL_LINK, Arm
-from learner.simulation.camera import Camera, Noise
-from learner.simulation.scenarios import BASE, Body, sample_start, scenario_named
+from learner.simulation.camera import SAMPLES, Camera, Noise
+from learner.simulation.scenarios import BASE, Body, Scenario, sample_start, scenario_named
 
 PERIOD_S: Final = 1 / 240
 GRASP_M: Final = 0.01
@@ -33,6 +34,18 @@ COVER_M: Final = 0.01
 TABLE: Final = "the table"
 LOOK_S: Final = 1 / 30
 """How often the goal is looked at."""
+GLIDE_STEPS: Final = 24
+"""So many steps pass at once where nothing moves but an arm far from everything."""
+HAND_M: Final = 0.13
+"""No part of the hand is further than this to the side of `tool0` [m] ..."""
+FINGERTIP_M: Final = 0.02
+"""... or below it [m]."""
+CLEARANCE_M: Final = 0.02
+"""What is nearer than this to the hand may touch it soon [m]."""
+STILL_STEPS: Final = 24
+STILL_M_PER_S: Final = 0.01
+STILL_RAD_PER_S: Final = 0.1
+"""What moves more slowly than this for STILL_STEPS is at rest."""
 
 Activity = Generator[None, None, None]
 
@@ -61,12 +74,27 @@ class _Client:
 class World:
     """The physical world of one scenario, standing at a random start. A context manager: it owns a physics engine.
 
-    Raises UnknownScenarioError. `rng` decides the start and the camera's noise. Nothing moves but by `step`;
-    `activity`, a generator, is resumed once before each step and moves the arm.
+    `scenario` is one of SCENARIOS by its name (raises UnknownScenarioError) or any other; `start` are the poses at
+    which its bodies begin, drawn at random if not given. `rng` decides the start and the camera's noise; its estimates
+    average so many `looks`. Nothing moves but by `step`; `activity`, a generator, is resumed once before each step and
+    moves the arm. With `glides`, the arm moves without physics while nothing else moves and nothing is near the hand,
+    GLIDE_STEPS at once: the same poses and the same contacts, a few times faster.
     """
 
-    def __init__(self, scenario_name: str, rng: np.random.Generator, noise: Noise | None = None) -> None:
-        self.scenario_name, self.scenario = scenario_name, scenario_named(scenario_name)
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        rng: np.random.Generator,
+        noise: Noise | None = None,
+        start: Mapping[str, Pose] | None = None,
+        glides: bool = False,
+        looks: int = SAMPLES,
+    ) -> None:
+        self.scenario_name = scenario if isinstance(scenario, str) else ""
+        self.scenario = scenario_named(scenario) if isinstance(scenario, str) else scenario
+        self.glides = glides
+        self._glided = False
+        self._still_steps = 0
         self._bullet: Any = _Client()
         self._bullet.setTimeStep(PERIOD_S)
         self._bullet.setGravity(0.0, 0.0, -9.81)
@@ -75,11 +103,11 @@ class World:
         self._bullet.setCollisionFilterPair(self.arm.body, table, -1, -1, 0)
         self._ids = {name: self._add(body) for name, body in sorted(self.scenario.bodies.items())}
         self._names: dict[int, str] = {body: name for name, body in self._ids.items()}
-        self.camera = Camera(noise or Noise(), rng)
+        self.camera = Camera(noise or Noise(), rng, looks)
         self.activity: Activity | None = None
         self._held: str | None = None
         self._grip: int | None = None
-        self.reset(rng)
+        self.reset(rng, start)
 
     def __enter__(self) -> Self:
         return self
@@ -89,8 +117,8 @@ class World:
     ) -> None:
         self._bullet.disconnect()
 
-    def reset(self, rng: np.random.Generator) -> None:
-        """Stand at a new random start: the arm at home with open fingers, nothing held, no activity."""
+    def reset(self, rng: np.random.Generator, start: Mapping[str, Pose] | None = None) -> None:
+        """Stand at `start`, or at a new random one: the arm at home with open fingers, nothing held, no activity."""
         self._detach()
         self.activity = None
         self.arm.go_home()
@@ -98,20 +126,75 @@ class World:
         self.time_s = self.goal_since_s = 0.0
         self.goal_reached = False
         self.camera.forget()
-        for name, pose in sample_start(self.scenario, rng).items():
+        for name, pose in (start or sample_start(self.scenario, rng)).items():
             self._put(name, pose)
         self._steps = 0
         self._look_at_goal()
 
     def step(self) -> None:
-        """Let the activity decide, then let 1/240 s pass."""
+        """Let the activity decide, then let 1/240 s pass; GLIDE_STEPS of that where the arm glided."""
+        self._glided = False
         if self.activity is not None and next(self.activity, "ended") == "ended":
             self.activity = None
-        self._bullet.stepSimulation()
-        self._steps += 1
-        self.time_s += PERIOD_S
-        if self._steps % round(LOOK_S / PERIOD_S) == 0:
+        if not self._glided:
+            self._bullet.stepSimulation()
+            self._notice_rest()
+        passed = GLIDE_STEPS if self._glided else 1
+        self._steps += passed
+        self.time_s += passed * PERIOD_S
+        if self._glided or self._steps % round(LOOK_S / PERIOD_S) == 0:
             self._look_at_goal()
+
+    def pause(self, duration_s: float) -> None:
+        """Let time pass in which nothing moves, without physics: for a world at rest without an activity."""
+        self.time_s += duration_s
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing but the arm, and what it holds, has moved for a while."""
+        return self._still_steps >= STILL_STEPS
+
+    def _notice_rest(self) -> None:
+        if not self.glides:
+            return
+        moving = any(self._moves(body) for name, body in self._ids.items() if name != self._held)
+        self._still_steps = 0 if moving else self._still_steps + 1
+
+    def _moves(self, body: int) -> bool:
+        linear, angular = self._bullet.getBaseVelocity(body)
+        return math.hypot(*linear) > STILL_M_PER_S or math.hypot(*angular) > STILL_RAD_PER_S
+
+    def may_glide(self, *tool_poses: Pose) -> bool:
+        """Whether nothing else moves and the hand, with what it holds, is clear of everything at these poses."""
+        return self.glides and self.at_rest and all(self._is_clear(pose) for pose in tool_poses)
+
+    def _is_clear(self, tool: Pose) -> bool:
+        x, y, z = tool.position
+        held = 0.0 if self._held is None else math.hypot(*self.scenario.bodies[self._held].size_m) / 2
+        bottom = z - max(held, FINGERTIP_M) - CLEARANCE_M
+        return bottom > 0.0 and not any(
+            self._reaches_up(name, x, y, bottom) for name in self._ids if name != self._held
+        )
+
+    def _reaches_up(self, name: str, x: float, y: float, height_m: float) -> bool:
+        """Whether a body may come within the hand's width of (x, y) and up to a height."""
+        length, width, height = self.scenario.bodies[name].size_m
+        (bx, by, bz), _ = self._bullet.getBasePositionAndOrientation(self._ids[name])
+        beside = math.hypot(bx - x, by - y) < HAND_M + CLEARANCE_M + math.hypot(length, width) / 2
+        # A little thing may lie on its edge; a wide one stands.
+        upwards = math.hypot(length, width, height) if self.scenario.bodies[name].graspable else height
+        return beside and bz + upwards / 2 > height_m
+
+    def glide(self, joints_rad: Array) -> None:
+        """Bring the arm to joint angles (7,) at once with what it holds; GLIDE_STEPS pass at the step that follows.
+
+        Only where `may_glide`.
+        """
+        grip = None if self._held is None else self.arm.tool_pose.inverse() @ self.pose_in_base(self._held)
+        self.arm.jump(joints_rad)
+        if self._held is not None and grip is not None:
+            self._move(self._held, self.arm.tool_pose @ grip)
+        self._glided = True
 
     def run(self, duration_s: float) -> None:
         """Let time pass."""
@@ -148,7 +231,15 @@ class World:
 
     def observe(self) -> dict[str, Pose]:
         """One noisy look of the camera at all objects."""
-        return self.camera.observe(self.poses_in_base())
+        return self.camera.observe({name: self.shown_in_base(name) for name in self.objects})
+
+    def shown_in_base(self, name: str) -> Pose:
+        """The pose at which an object looks to stand: a cube that came to lie on another side looks as if it stood.
+
+        Raises UnknownObjectError.
+        """
+        pose = self.pose_in_base(name)
+        return upright(pose) if self.scenario.bodies[name].symmetry == "cube" else pose
 
     def frame_in_base(self, frame: str) -> Pose:
         """The pose of a frame as the cell perceives it: the base, or the estimate of an object's pose.
@@ -178,6 +269,20 @@ class World:
             self._put(each, motion @ self.pose_in_base(each))
         self._look_at_goal()
 
+    def put(self, name: str, pose: Pose) -> bool:
+        """Put an object alone elsewhere at once; whether neither the arm nor what it holds is in its way there.
+
+        A held object leaves the gripper, which stays closed. Raises UnknownObjectError.
+        """
+        self.teleport(name, pose, with_content=False)
+        others = [self.arm.body, *([self._ids[self._held]] if self._held else [])]
+        return not any(self._bullet.getClosestPoints(self._ids[name], other, 0.0) for other in others)
+
+    def grasp_again(self, name: str) -> None:
+        """Hold an object that stands where it was held before: takes back that it was taken away."""
+        self.arm.jump_to_width(self.scenario.bodies[name].size_m[1])
+        self._attach(name)
+
     def open_fingers(self) -> None:
         """Release what is held and let the fingers move apart."""
         self._detach()
@@ -204,6 +309,8 @@ class World:
 
         An object that is `ignored` may brush the fingers from the side, but not stand in their way from below.
         """
+        if self._glided:
+            return None
         for touch in self.arm.touches():
             name = self._names.get(touch.body, TABLE)
             if name != self._held and not (name == ignored and touch.verticality < 0.7):
@@ -220,6 +327,8 @@ class World:
         return None
 
     def _look_at_goal(self) -> None:
+        if not self.scenario.goal:
+            return
         reached = self._held is None and self.scenario.reached(self.poses_in_base())
         if reached and not self.goal_reached:
             self.goal_since_s = self.time_s
@@ -255,6 +364,7 @@ class World:
         self._bullet.changeConstraint(self._grip, maxForce=GRIP_FORCE_N)
         self._held = name
         self._let_fingers_touch(name, False)
+        self._still_steps = 0
         # The fingers stay where they met the object: pressing on would fight the joint that holds it.
         self.arm.set_width(self.arm.width_m)
 
@@ -262,6 +372,7 @@ class World:
         if self._held is not None:
             self._bullet.removeConstraint(self._grip)
             self._let_fingers_touch(self._held, True)
+            self._still_steps = 0
         self._held = self._grip = None
 
     def _let_fingers_touch(self, name: str, touching: bool) -> None:
@@ -284,6 +395,10 @@ class World:
         ]
 
     def _put(self, name: str, pose: Pose) -> None:
+        self._move(name, pose)
+        self._still_steps = 0
+
+    def _move(self, name: str, pose: Pose) -> None:
         self._bullet.resetBasePositionAndOrientation(self._ids[name], pose.position, pose.quaternion_xyzw)
         self._bullet.resetBaseVelocity(self._ids[name], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -309,6 +424,22 @@ class World:
         number: int = self._bullet.createMultiBody(body.mass_kg, shape)
         self._bullet.changeDynamics(number, -1, lateralFriction=0.8, rollingFriction=1e-4, spinningFriction=1e-3)
         return number
+
+
+def upright(cube: Pose) -> Pose:
+    """The pose of a cube whose sides look the same, with its z axis on the side that is up: the same if it stands."""
+    x, y, z, w = cube.quaternion_xyzw
+    ups = (
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )  # of its axes: the last row of the rotation
+    side = max(range(3), key=lambda axis: abs(ups[axis]))
+    if side == 2 and ups[2] > 0:
+        return cube
+    half = math.pi / 2 if side == 2 else math.copysign(math.pi / 4, ups[side])
+    about = {0: (0.0, math.sin(half), 0.0), 1: (-math.sin(half), 0.0, 0.0), 2: (math.sin(half), 0.0, 0.0)}[side]
+    return cube @ Pose((0.0, 0.0, 0.0), (*about, math.cos(half)))
 
 
 def _slabs(body: Body) -> list[tuple[tuple[float, float, float], tuple[float, float, float]]]:

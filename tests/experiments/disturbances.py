@@ -13,13 +13,14 @@ from typing import Final, Literal, TypeVar
 
 import numpy as np
 
+from learner.simulation.arena import Arena
 from learner.simulation.gravity import GIVE_M, Spot
-from learner.simulation.kinematics import WORKSPACE_M, KinematicWorld, reachable
+from learner.simulation.kinematics import WORKSPACE_M
 
 from .scenarios import Goal, Relation, Rests, Scenario
 
 T = TypeVar("T")
-Happening = Callable[[KinematicWorld, Scenario, np.random.Generator], str | None]
+Happening = Callable[[Arena, Scenario, np.random.Generator], str | None]
 When = Literal["progress", "after"]
 
 FREE_M: Final = 0.03
@@ -46,29 +47,28 @@ class Disturbance:
     beyond: bool = False
     """It may leave what no demonstration shows a way out of: a covered cube, an occupied place (issue: recovery)."""
 
-    def apply(self, world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+    def apply(self, world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
         """Let it happen if it can, such that the task can still be done; says what happened."""
         for _ in range(ATTEMPTS if self.happen else 0):
-            before, held = dict(world.table.spots), world.held
+            memory = world.remember()
             what = self.happen(world, scenario, rng) if self.happen else None
-            if what is None or can_be_done(world, scenario, self.beyond):
+            if what is None or (world.hand_is_clear() and can_be_done(world, scenario, self.beyond)):
                 return what
-            world.table.spots.update(before)
-            world.held = held
+            world.recall(memory)
         return None
 
 
-def far(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def far(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """An uncovered cube is moved somewhere else on the table."""
     name = _one_of(_free_cubes(world, scenario), rng)
     spot = name and free_spot(world, name, rng)
     if not name or not spot:
         return None
-    world.table.lay(name, spot)
+    world.lay(name, spot)
     return f"{name} was moved far"
 
 
-def beside(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def beside(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """An uncovered cube is put down close beside another object that stands on the table."""
     name = _one_of(_free_cubes(world, scenario), rng)
     other = _one_of([o for o in _cubes(scenario) if o != name and o != world.held and _on_table(world, o)], rng)
@@ -78,22 +78,22 @@ def beside(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) 
         at = world.spot(other)
         spot = Spot(at.x + BESIDE_M * math.cos(angle), at.y + BESIDE_M * math.sin(angle), 0.0, at.yaw)
         if _is_free(world, name, spot, 0.005, {other}):
-            world.table.lay(name, spot)
+            world.lay(name, spot)
             return f"{name} was moved beside {other}"
     return None
 
 
-def on_top(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def on_top(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """An uncovered cube is put on top of another uncovered one."""
     cubes = _free_cubes(world, scenario)
     if len(cubes) < 2:
         return None
     upper, lower = (str(name) for name in rng.choice(sorted(cubes), 2, replace=False))
-    world.table.lay(upper, world.spot(lower))
+    world.lay(upper, world.spot(lower))
     return f"{upper} was put on {lower}"
 
 
-def on_goal(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def on_goal(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """A cube is put where another one belongs; if that one is there already, it is moved far before."""
     cubes = _free_cubes(world, scenario)
     for relation in _shuffled([r for r in _relations(scenario) if isinstance(r, Rests)], rng):
@@ -103,15 +103,15 @@ def on_goal(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator)
             continue
         away = free_spot(world, relation.object, rng)
         if there and away:
-            world.table.lay(relation.object, away)
+            world.lay(relation.object, away)
         spot = world.spot(relation.frame).compose(Spot(*relation.at, 0.0))
         if _is_free(world, name, spot, 0.0, {*_ungraspable(scenario), relation.frame}):
-            world.table.lay(name, spot)
+            world.lay(name, spot)
             return f"{name} was put where {relation.object} belongs"
     return None
 
 
-def taken(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def taken(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """The held cube is taken out of the gripper and laid elsewhere."""
     name = world.held
     spot = name and free_spot(world, name, rng)
@@ -121,17 +121,17 @@ def taken(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -
     return f"{name} was taken away"
 
 
-def container(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def container(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """A box or board is moved and turned with its content."""
     name = _one_of(_ungraspable(scenario), rng)
     spot = name and free_spot(world, name, rng, world.table.load(name))
     if not name or not spot:
         return None
-    world.table.carry(name, spot)
+    world.carry(name, spot)
     return f"{name} was moved with its content"
 
 
-def helper(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def helper(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """A human does one step of the task that is not done yet."""
     cubes = _free_cubes(world, scenario)
     for relation in _relations(scenario):
@@ -146,35 +146,35 @@ def helper(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) 
     return None
 
 
-def covered(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def covered(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """A covered cube is pulled out and laid elsewhere; what stood on it falls."""
     cubes = [name for name in _cubes(scenario) if name != world.held and world.table.covered(name)]
     name = _one_of(cubes, rng)
     spot = name and free_spot(world, name, rng)
     if not name or not spot:
         return None
-    world.table.lay(name, spot)
+    world.lay(name, spot)
     return f"{name} was pulled out from below"
 
 
-def buried(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def buried(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """A tower is moved as a whole, so that a covered cube stands where it is not wanted."""
     bases = [n for n in _cubes(scenario) if n != world.held and world.table.covered(n) and _on_table(world, n)]
     name = _one_of(bases, rng)
     spot = name and free_spot(world, name, rng)
     if not name or not spot:
         return None
-    world.table.carry(name, replace(spot, z=world.spot(name).z))
+    world.carry(name, replace(spot, z=world.spot(name).z))
     return f"the tower on {name} was moved as a whole"
 
 
-def wrong_tower(world: KinematicWorld, scenario: Scenario, rng: np.random.Generator) -> str | None:
+def wrong_tower(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
     """All cubes that are free are stacked upon each other in a random order (at most three)."""
     names = _shuffled(_free_cubes(world, scenario), rng)[:3]
     if len(names) < 2 or not all(_on_table(world, name) for name in names):
         return None
     for lower, upper in pairwise(names):
-        world.table.lay(upper, world.spot(lower))
+        world.lay(upper, world.spot(lower))
     return f"a tower of {', '.join(names)} was built from the bottom up"
 
 
@@ -196,7 +196,7 @@ DISTURBANCES: Final[Mapping[str, Disturbance]] = {
 }
 
 
-def can_be_done(world: KinematicWorld, scenario: Scenario, beyond: bool) -> bool:
+def can_be_done(world: Arena, scenario: Scenario, beyond: bool) -> bool:
     """Whether every place of a goal is in reach, not in the air, and free: of everything, or of what cannot be moved.
 
     In the air is a place whose reference was put on top of something; no demonstration tells where that belongs.
@@ -204,10 +204,10 @@ def can_be_done(world: KinematicWorld, scenario: Scenario, beyond: bool) -> bool
     return any(_goal_can_be_done(world, scenario, goal, beyond) for goal in scenario.goals)
 
 
-def _goal_can_be_done(world: KinematicWorld, scenario: Scenario, goal: Goal, beyond: bool) -> bool:
+def _goal_can_be_done(world: Arena, scenario: Scenario, goal: Goal, beyond: bool) -> bool:
     for relation in goal:
         there = _place(world, goal, relation)
-        if not reachable((there.x, there.y, there.z)):
+        if not world.reaches((there.x, there.y, there.z)):
             return False
         blocking = _occupants(world, scenario, goal, relation)
         if any(not beyond or not world.bodies[name].graspable for name in blocking):
@@ -217,19 +217,19 @@ def _goal_can_be_done(world: KinematicWorld, scenario: Scenario, goal: Goal, bey
     return True
 
 
-def needs_recovery(world: KinematicWorld, scenario: Scenario) -> bool:
+def needs_recovery(world: Arena, scenario: Scenario) -> bool:
     """Whether something stands on a cube that must be moved, or where one must go: for every goal, by the truth."""
     return all(_goal_needs_recovery(world, scenario, goal) for goal in scenario.goals)
 
 
-def _goal_needs_recovery(world: KinematicWorld, scenario: Scenario, goal: Goal) -> bool:
+def _goal_needs_recovery(world: Arena, scenario: Scenario, goal: Goal) -> bool:
     missing = [relation for relation in goal if not scenario.holds(relation, world.table.spots)]
     return any(
         world.table.covered(relation.object) or _occupants(world, scenario, goal, relation) for relation in missing
     )
 
 
-def _place(world: KinematicWorld, goal: Goal, relation: Relation) -> Spot:
+def _place(world: Arena, goal: Goal, relation: Relation) -> Spot:
     """Where the object of a relation shall be once the goal is reached; frames that are placed too come first."""
     at = relation.at if isinstance(relation, Rests) else (0.0, 0.0, 0.0)
     frame = next((other for other in goal if other.object == relation.frame), None)
@@ -237,7 +237,7 @@ def _place(world: KinematicWorld, goal: Goal, relation: Relation) -> Spot:
     return origin.compose(Spot(*at, 0.0))
 
 
-def _occupants(world: KinematicWorld, scenario: Scenario, goal: Goal, relation: Relation) -> set[str]:
+def _occupants(world: Arena, scenario: Scenario, goal: Goal, relation: Relation) -> set[str]:
     """What stands where the object of a relation shall be."""
     if not isinstance(relation, Rests) or scenario.holds(relation, world.table.spots):
         return set()
@@ -247,7 +247,7 @@ def _occupants(world: KinematicWorld, scenario: Scenario, goal: Goal, relation: 
     return {b.name for b in near if b.top > hull.bottom + GIVE_M and b.bottom < hull.top}
 
 
-def _hangs(world: KinematicWorld, scenario: Scenario, goal: Goal, relation: Relation) -> bool:
+def _hangs(world: Arena, scenario: Scenario, goal: Goal, relation: Relation) -> bool:
     """Whether the place is in the air because its frame, which nothing in the goal places, does not stand as it did."""
     if not isinstance(relation, Rests) or any(other.object == relation.frame for other in goal):
         return False
@@ -255,9 +255,7 @@ def _hangs(world: KinematicWorld, scenario: Scenario, goal: Goal, relation: Rela
     return world.table.footprint(relation.object, there).bottom > world.table.support_m(relation.object, there) + GIVE_M
 
 
-def free_spot(
-    world: KinematicWorld, name: str, rng: np.random.Generator, ignored: set[str] | None = None
-) -> Spot | None:
+def free_spot(world: Arena, name: str, rng: np.random.Generator, ignored: set[str] | None = None) -> Spot | None:
     """A random spot on the table where a body stands free; None if a hundred draws find none."""
     (x0, x1), (y0, y1) = WORKSPACE_M
     body = world.bodies[name]
@@ -265,25 +263,26 @@ def free_spot(
     for _ in range(100):
         x, y = rng.uniform(x0 + edge, x1 - edge), rng.uniform(y0 + edge, y1 - edge)
         spot = Spot(float(x), float(y), body.half_height, float(rng.uniform(-math.pi, math.pi)))
-        if _is_free(world, name, spot, FREE_M, ignored or set()):
+        in_reach = world.reaches((spot.x, spot.y, spot.z))
+        if in_reach and _is_free(world, name, spot, FREE_M, ignored or set()):
             return spot
     return None
 
 
-def _is_free(world: KinematicWorld, name: str, spot: Spot, gap: float, ignored: set[str]) -> bool:
+def _is_free(world: Arena, name: str, spot: Spot, gap: float, ignored: set[str]) -> bool:
     hull = world.table.footprint(name, spot)
     others = (block for block in world.table.obstacles({name, *ignored, world.held or ""}))
     return not any(block.overlaps(hull, -gap) for block in others)
 
 
-def _put(world: KinematicWorld, scenario: Scenario, relation: Relation, rng: np.random.Generator) -> bool:
+def _put(world: Arena, scenario: Scenario, relation: Relation, rng: np.random.Generator) -> bool:
     """Put an object where a relation wants it, if the place is free; whether it holds now."""
     at = relation.at if isinstance(relation, Rests) else (*rng.uniform(-0.05, 0.05, 2).tolist(), 0.0)
-    before = dict(world.table.spots)
-    world.table.lay(relation.object, world.spot(relation.frame).compose(Spot(*at, 0.0)))
+    memory = world.remember()
+    world.lay(relation.object, world.spot(relation.frame).compose(Spot(*at, 0.0)))
     if scenario.holds(relation, world.table.spots):
         return True
-    world.table.spots.update(before)
+    world.recall(memory)
     return False
 
 
@@ -300,11 +299,11 @@ def _ungraspable(scenario: Scenario) -> list[str]:
     return [name for name, body in scenario.objects.items() if not body.graspable]
 
 
-def _free_cubes(world: KinematicWorld, scenario: Scenario) -> list[str]:
+def _free_cubes(world: Arena, scenario: Scenario) -> list[str]:
     return [name for name in _cubes(scenario) if name != world.held and not world.table.covered(name)]
 
 
-def _on_table(world: KinematicWorld, name: str) -> bool:
+def _on_table(world: Arena, name: str) -> bool:
     return abs(world.spot(name).z - world.bodies[name].half_height) < 0.005
 
 

@@ -1,4 +1,4 @@
-"""One run of a tree in the kinematic world, judged by the truth.
+"""One run of a tree in a world, judged by the truth.
 
     result = run(tree.flattened(), SCENARIOS["towers"], seed=1, disturbance=DISTURBANCES["far"])
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from learner.model import Node, Tree
 from learner.model.pose import Quaternion
+from learner.simulation.arena import Arena
 from learner.simulation.gravity import Spot
 from learner.simulation.kinematics import PERIOD_S, Habits, KinematicWorld, Noise
 from learner.ticking import Status, Ticker
@@ -26,6 +27,7 @@ from .scenarios import Scenario
 
 HOLD_STEPS: Final = round(1.0 / PERIOD_S)
 STEPS_PER_ACTION: Final = 7
+"""In the kinematic world."""
 PATIENCE: Final = 3
 """At most this many times the actions of an undisturbed run."""
 
@@ -65,13 +67,27 @@ def run(
     noise: Noise | None = None,
     markers: Mapping[str, Quaternion] | None = None,
 ) -> Result:
-    """Run a tree from a random start (drawn from `seed` alone) until the verdict."""
+    """Run a tree in the kinematic world from a random start (drawn from `seed` alone) until the verdict."""
     rng = np.random.default_rng([seed, 1])
     spots = scenario.draw_start(np.random.default_rng(seed))
     habits = Habits(failing=disturbance.failing if disturbance else 0.0, opens_on_loss=bool(rng.integers(2)))
     world = KinematicWorld(scenario.objects, spots, rng, noise or Noise(), markers=markers or {}, habits=habits)
+    return judge(tree, world, scenario, seed, rng, disturbance, when)
+
+
+def judge(
+    tree: Tree | Node,
+    world: Arena,
+    scenario: Scenario,
+    seed: int,
+    rng: np.random.Generator,
+    disturbance: Disturbance | None = None,
+    when: When = "progress",
+    steps_per_action: int = STEPS_PER_ACTION,
+) -> Result:
+    """Run a tree in a world that stands at its start; `seed` is only noted."""
     root = tree.flattened() if isinstance(tree, Tree) else tree
-    course = _Run(world, scenario, Ticker(root, world), disturbance, when, rng)
+    course = _Run(world, scenario, Ticker(root, world), disturbance, when, rng, steps_per_action)
     verdict = course.verdict()
     return Result(
         scenario=scenario.name,
@@ -102,12 +118,13 @@ def budget(scenario: Scenario) -> int:
 
 @dataclass
 class _Run:
-    world: KinematicWorld
+    world: Arena
     scenario: Scenario
     ticker: Ticker
     disturbance: Disturbance | None
     when: When
     rng: np.random.Generator
+    steps_per_action: int
     disturbed: str | None = None
     pending: bool = False
     due_step: int = 0
@@ -120,7 +137,7 @@ class _Run:
         """Tick until it is clear."""
         self._plan()
         limit = budget(self.scenario)
-        for _ in range(2 * limit * STEPS_PER_ACTION + 10 * HOLD_STEPS):
+        for _ in range(2 * limit * self.steps_per_action + 10 * HOLD_STEPS):
             if self.pending:
                 self._disturb()
             self._watch()
@@ -137,7 +154,7 @@ class _Run:
             return
         self.pending = True
         if not self.disturbance.at_start and self.when == "progress":
-            self.due_step = int(self.rng.integers(1, nominal_actions(self.scenario) * STEPS_PER_ACTION))
+            self.due_step = int(self.rng.integers(1, nominal_actions(self.scenario) * self.steps_per_action))
 
     def _disturb(self) -> None:
         finished = self.said >= HOLD_STEPS

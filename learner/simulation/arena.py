@@ -1,0 +1,89 @@
+"""What a world has to offer so that a tree can be run in it, disturbed, and judged by the truth.
+
+Two worlds do: `learner.simulation.kinematics.KinematicWorld` (no dynamics, thousands of runs) and
+`learner.simulation.physical.PhysicalWorld` (PyBullet with the arm, about a second a run).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from learner.model.pose import Vector
+from learner.simulation.gravity import Body, Spot, Table
+from learner.simulation.kinematics import Deed, Faults
+from learner.ticking import Leaves
+
+
+class Arena(Leaves, Protocol):
+    """A world that is ticked (`Leaves`), lives by `step`, and tells the truth. Lengths [m].
+
+    `lay`, `carry` and `take_away` are a human's hands; `remember` and `recall` take back what they did, as long as
+    the world was not stepped in between.
+    """
+
+    @property
+    def bodies(self) -> Mapping[str, Body]:
+        """What there is."""
+        ...
+
+    @property
+    def table(self) -> Table:
+        """Where everything really stands now; to be read."""
+        ...
+
+    @property
+    def held(self) -> str | None:
+        """The object in the gripper, by the truth."""
+        ...
+
+    @property
+    def deeds(self) -> list[Deed]:
+        """The actions so far."""
+        ...
+
+    @property
+    def faults(self) -> Faults:
+        """What went wrong so far."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """How many periods of 0.1 s have passed."""
+        ...
+
+    def spot(self, name: str) -> Spot:
+        """Where an object or the base frame really is."""
+        ...
+
+    def step(self) -> None:
+        """Let 0.1 s pass."""
+        ...
+
+    def reaches(self, position: Vector) -> bool:
+        """Whether the arm can bring its fingertips there."""
+        ...
+
+    def lay(self, name: str, spot: Spot) -> None:
+        """Put an object that is not held onto whatever lies under `spot` (its z unused); what stood on it falls."""
+        ...
+
+    def carry(self, name: str, spot: Spot) -> None:
+        """Move an object with all that stands on it."""
+        ...
+
+    def take_away(self, spot: Spot) -> None:
+        """Pull the held object out of the fingers, which stay closed, and lay it at `spot`."""
+        ...
+
+    def remember(self) -> Any:
+        """What `recall` needs."""
+        ...
+
+    def recall(self, memory: Any) -> None:
+        """Let everything stand, and be held, as it was at `remember`."""
+        ...
+
+    def hand_is_clear(self) -> bool:
+        """Whether nothing was put into the arm since the last step."""
+        ...
