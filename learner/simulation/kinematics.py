@@ -34,7 +34,9 @@ PERIOD_S: Final = 0.1
 GRASP_M: Final = 0.01
 """A grasp holds if the fingers close at most this far from the object's axis [m] ..."""
 GRASP_HEIGHT_M: Final = 0.02
-"""... and this far above or below its centre [m] ..."""
+"""... and this far above or below its centre [m], of a tall body until above or below its sides ..."""
+TIP_M: Final = 0.005
+"""The fingers' least hold on a body's sides [m]."""
 GRASP_RAD: Final = math.radians(15)
 """... and turned by at most this much from one of its faces, and from the vertical [rad]."""
 NEAR_M: Final = 0.05
@@ -127,6 +129,7 @@ class KinematicWorld:
     base_frame: str = "base"
     markers: Mapping[str, Quaternion] = field(default_factory=dict)
     habits: Habits = field(default_factory=Habits)
+    workspace_m: tuple[tuple[float, float], tuple[float, float]] = WORKSPACE_M
 
     def __post_init__(self) -> None:
         self.table = Table(self.bodies, self.spots, self.rng)
@@ -311,7 +314,11 @@ class KinematicWorld:
     def _grasps(self, name: str) -> bool:
         body, spot, hand = self.table.bodies[name], self.table.spots[name], self.hand_spot
         beside = math.hypot(hand.x - spot.x, hand.y - spot.y)
-        if not body.graspable or beside > GRASP_M or abs(hand.z - spot.z) > GRASP_HEIGHT_M:
+        if (
+            not body.graspable
+            or beside > GRASP_M
+            or abs(hand.z - spot.z) > max(GRASP_HEIGHT_M, body.half_height - TIP_M)
+        ):
             return False
         turn = abs(math.remainder(hand.yaw - spot.yaw, math.pi / 2))
         round_body = body.shape.symmetry == "vertical"
@@ -420,7 +427,7 @@ class KinematicWorld:
         pose = Pose(node.port("position"), node.port("orientation"))  # type: ignore[arg-type]  # checked by Tree
         origin, quaternion = self.see(str(node.port("frame")))
         target = Pose(origin, quaternion) @ pose
-        if not reachable(target.position):
+        if not reachable(target.position, self.workspace_m):
             return "the target is out of reach"
         yield from self._travel(target)
         self.move_hand(target.position)
@@ -476,9 +483,9 @@ class KinematicWorld:
         return "the skill failed" if fails else None
 
 
-def reachable(position: Vector) -> bool:
+def reachable(position: Vector, workspace_m: tuple[tuple[float, float], tuple[float, float]] = WORKSPACE_M) -> bool:
     """Whether the arm can bring its fingertips there [m]."""
-    (x0, x1), (y0, y1) = WORKSPACE_M
+    (x0, x1), (y0, y1) = workspace_m
     x, y, _ = position
     return x0 - REACH_M <= x <= x1 + REACH_M and y0 - REACH_M <= y <= y1 + REACH_M
 
