@@ -6,7 +6,7 @@ the one the evidence speaks for (learner.evidence); contexts are split only wher
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -169,15 +169,41 @@ class TargetFinder:
 
     def _contexts(self, cluster: Cluster) -> list[Target]:
         """The targets in one cluster: several where demonstrations repeat it, told apart by which time it is."""
-        turns: dict[int, list[int]] = defaultdict(list)
-        seen: Counter[int] = Counter()
-        for number in sorted(cluster.members):
-            demonstration = self._sample(number).demonstration
-            turns[seen[demonstration]].append(number)
-            seen[demonstration] += 1
-        kept = [members for members in turns.values() if self._quorum(members)]
-        found = [(tuple(members), self._evidence(members)) for members in kept]
+        kept = [members for members in self._times(cluster.members) if self._quorum(members)]
+        found = [(members, self._evidence(members)) for members in kept]
         return [self._target(members, None, frames, k) for k, (members, frames) in enumerate(found) if frames]
+
+    def _times(self, members: Sequence[int]) -> list[tuple[int, ...]]:
+        """The members by which time it is that they reach the target: as many times as enough demonstrations share.
+
+        One that reaches it fewer times (or more) is matched by how far it had come then, as those usually had.
+        """
+        turns: dict[int, list[int]] = defaultdict(list)
+        for number in sorted(members):
+            turns[self._sample(number).demonstration].append(number)
+        times = max((k for k in range(1, 1 + max(map(len, turns.values()))) if self._shared(turns, k)), default=1)
+        usual = [[self._progress(number) for number in turn] for turn in turns.values() if len(turn) == times]
+        when = np.mean(usual or [[0.0] * times], axis=0)
+        matched = [self._matched(turn, when) for turn in turns.values()]
+        return [tuple(turn[k] for turn in matched if k in turn) for k in range(times)]
+
+    def _shared(self, turns: Mapping[int, Sequence[int]], times: int) -> bool:
+        return self._quorum([turn[times - 1] for turn in turns.values() if len(turn) >= times])
+
+    def _progress(self, number: int) -> float:
+        """How much of its demonstration was done when a move ended, from 0 to 1."""
+        sample = self._sample(number)
+        return sample.action.step / len(self.demonstrations[sample.demonstration].actions)
+
+    def _matched(self, turn: Sequence[int], when: Array) -> dict[int, int]:
+        """Which move of one demonstration belongs to which time, in order, as near as can be to `when` (times,)."""
+        if len(turn) == len(when):
+            return dict(enumerate(turn))
+        from scipy.optimize import linear_sum_assignment
+
+        done = np.array([self._progress(number) for number in turn])
+        times, moves = linear_sum_assignment(np.abs(np.subtract.outer(np.array(when), done)))
+        return {int(k): turn[int(n)] for k, n in zip(sorted(times), sorted(moves), strict=True)}
 
     def _evidence(self, members: Sequence[int]) -> dict[str, float]:
         """The posterior probability of every frame that all members know and keep their place in.
@@ -295,11 +321,14 @@ class TargetFinder:
     def _firmest(self, target: Target, tied: set[str]) -> str:
         """Of frames that the task keeps rigid the one with the least lever arm: in contact, else the base.
 
-        Far from its origin a frame's own noise of a degree moves a place by centimetres.
+        Far from its origin a frame's own noise of a degree moves a place by centimetres. What an object rests upon
+        comes first: there it is to lie whatever becomes of the rest.
         """
         base = self._sample(target.members[0]).base_frame
         samples = [self._sample(number) for number in target.members]
         alike = [frame for frame, share in target.frames.items() if frame in tied and share > LIKELY]
+        if target.upon and target.upon[0] in alike:
+            return target.upon[0]
         if target.frame == base or self._away(target.frame, samples) < self.parameters.contact_m:
             return target.frame
         near = [frame for frame in alike if frame != base and self._away(frame, samples) < self.parameters.contact_m]

@@ -1,0 +1,55 @@
+"""Targets: which time it is that a demonstration reaches one, and which of several rigid frames it is told in."""
+
+from __future__ import annotations
+
+import numpy as np
+from support_demonstrations import ON_TOP, Put, Script, scattered, scripted
+
+from learner.learning import learn
+from learner.model import Demonstration, Pose
+from learner.parameters import Parameters
+from learner.understanding import Understanding, understand
+
+AT_BOX, THERE = Put("B", "box", (0.0, 0.14, 0.0)), Put("A", "box", (0.14, 0.0, 0.0))
+TWICE: Script = [AT_BOX, THERE, Put("B", "A", ON_TOP), AT_BOX]
+
+
+def five(found_done: int, script: Script, shorter: Script) -> list[Demonstration]:
+    """Five demonstrations; at the beginning of one, B is where it belongs already, and the script is shorter."""
+    rng, shown = np.random.default_rng(3), []
+    for number in range(5):
+        start = scattered(["A", "B", "box"], rng, apart_m=0.25)
+        if number == found_done:
+            start["B"] = start["box"] @ Pose(AT_BOX.at)
+        shown.append(scripted(start, shorter if number == found_done else script, f"d{number}", rng=rng))
+    return shown
+
+
+def samples_by_context(understood: Understanding) -> list[tuple[int, int]]:
+    return [(t.context, len(t.members)) for t in understood.targets if (t.object, t.frame) == ("B", "box")]
+
+
+def test_what_is_reached_once_is_matched_with_the_time_that_it_fits() -> None:
+    without_first = five(2, TWICE, TWICE[1:])
+    assert samples_by_context(understand(without_first, Parameters())) == [(0, 4), (1, 5)]
+    learned = learn(without_first)
+    assert len(learned.report["groups"]) == 1
+    assert learned.tree.nodes == learn(five(9, TWICE, TWICE)).tree.nodes
+
+
+def test_one_demonstration_that_does_it_twice_makes_no_second_context() -> None:
+    once: Script = [AT_BOX, THERE]
+    understood = understand(five(2, once, TWICE[1:]), Parameters())
+    assert samples_by_context(understood) == [(0, 5)]
+    assert len(understood.groups) == 1
+
+
+def test_what_stands_upon_an_object_is_told_in_its_frame_though_another_is_rigid_with_it() -> None:
+    script: Script = [Put("A", "box", (0.0, 0.12, 0.0)), Put("B", "A", ON_TOP)]
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        shown = [scripted(scattered(["A", "B", "box"], rng), script, f"d{n}", rng=rng) for n in range(3)]
+        (target,) = (t for t in understand(shown, Parameters()).targets if t.object == "B")
+        assert target.frame == "A"
+        assert target.tied == {"box"}
+        assert target.certainty > 0.95
