@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,14 +24,14 @@ class Noise:
     position_m: float = 0.0015
     rotation_rad: float = math.radians(0.3)
 
-    def disturb(self, pose: Pose, rng: np.random.Generator) -> Pose:
-        """`pose` as a camera with this noise sees it once."""
-        vector = rng.normal(0.0, self.rotation_rad, 3)
-        angle = float(np.linalg.norm(vector))
-        axis = vector / angle if angle else vector
-        turn = np.array([*(axis * math.sin(angle / 2)), math.cos(angle / 2)])
-        position = np.array(pose.position) + rng.normal(0.0, self.position_m, 3)
-        return Pose.of(position, multiply(turn, np.array(pose.quaternion_xyzw)))
+    def disturb(self, poses: Sequence[Pose], rng: np.random.Generator) -> list[Pose]:
+        """`poses` as a camera with this noise sees them once."""
+        vectors = rng.normal(0.0, self.rotation_rad, (len(poses), 3))
+        angles = np.linalg.norm(vectors, axis=1, keepdims=True)
+        turns = np.concatenate([0.5 * vectors * np.sinc(angles / (2 * math.pi)), np.cos(angles / 2)], axis=1)
+        shaken = multiply(turns, np.array([pose.quaternion_xyzw for pose in poses]))
+        positions = np.array([pose.position for pose in poses]) + rng.normal(0.0, self.position_m, (len(poses), 3))
+        return [Pose.of(*each) for each in zip(positions.tolist(), shaken.tolist(), strict=True)]
 
 
 class Camera:
@@ -43,7 +43,7 @@ class Camera:
 
     def observe(self, true_poses: Mapping[str, Pose]) -> dict[str, Pose]:
         """One noisy look at the true poses in the base."""
-        seen = {name: self.noise.disturb(pose, self._rng) for name, pose in true_poses.items()}
+        seen = dict(zip(true_poses, self.noise.disturb(list(true_poses.values()), self._rng), strict=True))
         for name, pose in seen.items():
             self._seen.setdefault(name, deque(maxlen=self._samples)).append(pose)
         return seen

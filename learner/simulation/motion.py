@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 STEP_S: Final = 1 / 240
 KNOT_STEPS: Final = 8
 """Between two knots of inverse kinematics the joints run straight."""
-GLIDE_KNOTS: Final = 3
+GLIDE_KNOTS: Final = 6
 """Where the arm glides it goes so many knots at once: what World counts for a glide."""
 TURN_RAD_PER_S: Final = 2.0
 SETTLE_RAD: Final = 5e-4
@@ -97,7 +97,7 @@ def travel(world: World, path: Path, speed_m_per_s: float, watch: Watch) -> Trav
     knot = 0
     while knot < knots:
         ahead = min(knot + GLIDE_KNOTS, knots)
-        glides = world.glides and world.may_glide(path.at(_smooth(knot / knots)), path.at(_smooth(ahead / knots)))
+        glides = world.glides and world.may_glide(world.arm.tool_pose, path.at(_smooth(ahead / knots)))
         knot = ahead if glides else knot + 1
         fraction = _smooth(knot / knots)
         joints = world.arm.solve(path.at(fraction))

@@ -48,6 +48,8 @@ Skill = Generator[None, None, Outcome]
 def pick(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
     """Move to the pose in the frame, close, lift. Fails if the gripper is closed at its start, or on contact, or if
     `name` is not held at its end. Raises UnknownObjectError at its first step.
+
+    Fingers that closed on nothing are lifted too: only then is it seen that what is between them does not follow.
     """
     _check_object(world, name)
     target = world.frame_in_base(frame) @ tool_in_frame
@@ -57,9 +59,12 @@ def pick(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
     if reason is not None:
         return Outcome("failure", reason)
     yield from close_gripper(world)
-    if world.held != name:
-        return Outcome("failure", f"{name} is not held: the fingers closed on {world.held or 'nothing'}")
+    if world.held not in (None, name):
+        return Outcome("failure", f"{name} is not held: the fingers closed on {world.held}")
+    grasped = world.held
     yield from lift(world)
+    if grasped is None:
+        return Outcome("failure", f"{name} is not held: the fingers closed on nothing")
     return Outcome.because(None if world.held == name else f"{name} was lost on the way up")
 
 
@@ -70,6 +75,7 @@ def place(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
     _check_object(world, name)
     target = world.frame_in_base(frame) @ tool_in_frame
     if world.held != name:
+        yield from lift(world)
         return Outcome("failure", f"{name} is not held: the gripper holds {world.held or 'nothing'}")
     reason = yield from approach(world, target, held=name)
     if reason is not None:

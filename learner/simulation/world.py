@@ -34,7 +34,9 @@ COVER_M: Final = 0.01
 TABLE: Final = "the table"
 LOOK_S: Final = 1 / 30
 """How often the goal is looked at."""
-GLIDE_STEPS: Final = 24
+LOOK_STEPS: Final = 4
+"""How often it is looked whether anything moves."""
+GLIDE_STEPS: Final = 48
 """So many steps pass at once where nothing moves but an arm far from everything."""
 HAND_M: Final = 0.13
 """No part of the hand is further than this to the side of `tool0` [m] ..."""
@@ -138,7 +140,8 @@ class World:
             self.activity = None
         if not self._glided:
             self._bullet.stepSimulation()
-            self._notice_rest()
+            if self.glides and self._steps % LOOK_STEPS == 0:
+                self._notice_rest()
         passed = GLIDE_STEPS if self._glided else 1
         self._steps += passed
         self.time_s += passed * PERIOD_S
@@ -155,10 +158,8 @@ class World:
         return self._still_steps >= STILL_STEPS
 
     def _notice_rest(self) -> None:
-        if not self.glides:
-            return
         moving = any(self._moves(body) for name, body in self._ids.items() if name != self._held)
-        self._still_steps = 0 if moving else self._still_steps + 1
+        self._still_steps = 0 if moving else self._still_steps + LOOK_STEPS
 
     def _moves(self, body: int) -> bool:
         linear, angular = self._bullet.getBaseVelocity(body)
@@ -181,8 +182,8 @@ class World:
         length, width, height = self.scenario.bodies[name].size_m
         (bx, by, bz), _ = self._bullet.getBasePositionAndOrientation(self._ids[name])
         beside = math.hypot(bx - x, by - y) < HAND_M + CLEARANCE_M + math.hypot(length, width) / 2
-        # A little thing may lie on its edge; a wide one stands.
-        upwards = math.hypot(length, width, height) if self.scenario.bodies[name].graspable else height
+        # A little thing may lie on another side; a wide one stands.
+        upwards = max(length, width, height) if self.scenario.bodies[name].graspable else height
         return beside and bz + upwards / 2 > height_m
 
     def glide(self, joints_rad: Array) -> None:
