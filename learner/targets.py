@@ -81,7 +81,8 @@ class TargetFinder:
             if self.samples[number] is not None:
                 by_object[move.object].append(number)
         found = [target for name in sorted(by_object) for target in self._of_object(by_object[name])]
-        return [self._with_ties(target, found) for target in found]
+        anchors = self._anchors(found)
+        return [self._with_ties(target, anchors) for target in found]
 
     def alone(self, number: int) -> Target:
         """A move that fits nowhere, in the default frame: the base (section III-E)."""
@@ -305,12 +306,13 @@ class TargetFinder:
             return self.parameters.tight_m
         return 0.4 * (min(scene.objects[frame].size_m) + min(scene.objects[name].size_m))
 
-    def _with_ties(self, target: Target, targets: Sequence[Target]) -> Target:
+    def _with_ties(self, target: Target, anchors: Sequence[Mapping[str, str]]) -> Target:
         """Frames whose object the task itself has put in a fixed place relative to the chosen one, or the reverse."""
+        fixed = [anchors[number] for number in target.members]
         tied = {
             frame
             for frame in target.frames
-            if frame != target.frame and self._rigid_by_task(frame, target.frame, target, targets)
+            if frame != target.frame and all(a.get(frame, frame) == a.get(target.frame, target.frame) for a in fixed)
         }
         frame = self._firmest(target, tied)
         if frame == target.frame:
@@ -334,28 +336,20 @@ class TargetFinder:
         near = [frame for frame in alike if frame != base and self._away(frame, samples) < self.parameters.contact_m]
         return near[0] if near else base if base in alike else target.frame
 
-    def _rigid_by_task(self, a: str, b: str, target: Target, targets: Sequence[Target]) -> bool:
-        """Whether a chain of earlier placements fixes a relative to b."""
-        earlier = [t for t in targets if t.object != target.object and self._precedes(t, target)]
-        links = {frozenset((t.object, t.frame)) for t in earlier}
-        reached, grown = {a}, True
-        while grown:
-            grown = False
-            for link in links:
-                if link & reached and not link <= reached:
-                    reached |= link
-                    grown = True
-        return b in reached
+    def _anchors(self, targets: Sequence[Target]) -> list[dict[str, str]]:
+        """For every move what each object was fixed to when it was released: alike for all that are rigid by the task.
 
-    def _precedes(self, a: Target, b: Target) -> bool:
-        """Whether a was reached before b wherever both were."""
-        steps = {self._sample(number).demonstration: self._sample(number).action.step for number in a.members}
-        both = [
-            steps[sample.demonstration] < sample.action.step
-            for sample in map(self._sample, b.members)
-            if sample.demonstration in steps
-        ]
-        return bool(both) and all(both)
+        What is placed is fixed to what its frame is fixed to then; what goes elsewhere, to a spot of its own.
+        """
+        of = {number: target for target in targets for number in target.members}
+        fixed: dict[int, dict[str, str]] = defaultdict(dict)
+        found = []
+        for number, move in enumerate(self.moves):
+            found.append(dict(fixed[move.demonstration]))
+            here, known = fixed[move.demonstration], of.get(number)
+            if known or not move.put_back:
+                here[move.object] = here.get(known.frame, known.frame) if known else f"move {number}"
+        return found
 
 
 def _worlds_after(demonstration: Demonstration, step: int, name: str) -> list[Mapping[str, Pose]]:

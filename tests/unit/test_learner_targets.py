@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from support_demonstrations import ON_TOP, Put, Script, scattered, scripted
+from support_demonstrations import BASE, ON_TOP, TABLE_M, Put, Script, at, scattered, scripted
 
 from learner.learning import learn
 from learner.model import Demonstration, Pose
@@ -53,3 +53,22 @@ def test_what_stands_upon_an_object_is_told_in_its_frame_though_another_is_rigid
         assert target.frame == "A"
         assert target.tied == {"box"}
         assert target.certainty > 0.95
+
+
+def test_what_was_moved_on_fixes_nothing_any_more() -> None:
+    """C stands at a spot of the base, later in the box: that does not make the box rigid with the base."""
+    script: Script = [
+        Put("C", BASE, (0.3, 0.3, TABLE_M)),
+        Put("B", BASE, (0.3, 0.0, TABLE_M)),
+        Put("C", "box", (0.0, -0.14, 0.0)),
+        Put("A", "box", (0.0, 0.14, 0.0)),
+    ]
+    rng, shown = np.random.default_rng(4), []
+    for number in range(3):
+        start = {**scattered(["A", "B", "C"], rng), "box": at(0.6, -0.2)}
+        shown.append(scripted(start, script, f"d{number}", rng=rng))
+    (target,) = (t for t in understand(shown, Parameters()).targets if t.object == "A")
+    assert BASE not in target.tied
+    assert target.certainty < 0.95
+    (question,) = (q for q in learn(shown).report["questions"] if q["action"] == "place A")
+    assert {question["frame"], question["rival"]} == {"box", BASE}
