@@ -13,6 +13,7 @@ from . import report
 from .cells import NOMINAL, results, size_cells, success_cells, user_cells
 from .proofs import proofs_table
 from .scenarios import SCENARIOS
+from .unwritten import unwritten_cells, unwritten_table
 
 OURS = "treewright"
 MISUNDERSTAND = ("user13", "user14", "all")
@@ -23,7 +24,7 @@ def main() -> None:
     """Compute what is missing, print the tables, and write them with pictures where asked."""
     arguments = _arguments()
     success, users, size = _computed(arguments)
-    tables = {**_tables(success, users, size), "The proof": proofs_table(arguments.only)}
+    tables = {**_tables(success, users, size), **_unwritten(arguments), "The proof": proofs_table(arguments.only)}
     text = "\n\n".join(f"## {title}\n\n{body}" for title, body in tables.items()) + "\n"
     print(text)
     if arguments.write:
@@ -97,6 +98,15 @@ def _tables(success: list[Result], users: list[Result], size: list[Result]) -> d
         "Size and time against the number of demonstrations": report.size_table(size),
         "How sure, and how right": report.calibration_table(ours),
         "Sets below the bar": report.exceptions([r for r in success if r["method"] == OURS]),
+    }
+
+
+def _unwritten(arguments: argparse.Namespace) -> dict[str, str]:
+    """The tables on tasks that nobody wrote; the same for any choice of tasks."""
+    found = results(unwritten_cells(*((6, 4) if arguments.quick else (60, 10))), arguments.folder, arguments.jobs)
+    return {
+        "Tasks that nobody wrote": unwritten_table(found),
+        "Tasks that nobody wrote: how sure, and how right": report.calibration_table(found),
     }
 
 

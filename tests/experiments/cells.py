@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +20,7 @@ from learner.parameters import Parameters
 
 from .demonstrator import crooked_markers, demonstrated
 from .disturbances import DISTURBANCES, When
+from .generated import generated, habitual
 from .runner import Result, run
 from .scenarios import SCENARIOS, Scenario, Step
 from .users import EXPERT, FOURTEEN, REAL, User
@@ -42,6 +43,12 @@ USERS: Final[dict[str, tuple[User, ...]]] = {
 
 NOMINAL: Final = "treewright without recovery"
 """Our method's tree without the SubTrees that only recover."""
+GENERATED: Final = "generated"
+"""The experiment on tasks that nobody wrote: a cell's `scenario` is this with the task's seed, its `number`, too."""
+HABITUAL: Final = "habitual"
+"""The same, shown by people who hardly tidy up."""
+POINTS: Final = "points"
+"""The same, without a scene: objects are points."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +72,15 @@ class Cell:
 
     def demonstrate(self) -> list[Demonstration]:
         """The cell's set of demonstrations; the same for every method and number of runs."""
-        users = USERS[self.users]
-        scenario = SCENARIOS[self.scenario]
-        return demonstrated(scenario, self.demonstrations, 1000 + self.number, users, each=len(users) > 1)
+        users, scenario = USERS[self.users], scenario_of(self.scenario)
+        shown = habitual(scenario, self.number) if self.experiment == HABITUAL else scenario
+        found = demonstrated(shown, self.demonstrations, 1000 + self.number, users, each=len(users) > 1)
+        return [replace(each, scene=None) for each in found] if self.experiment == POINTS else found
+
+
+def scenario_of(name: str) -> Scenario:
+    """A task by its name: one of ours, or one that nobody wrote."""
+    return SCENARIOS[name] if name in SCENARIOS else generated(int(name.removeprefix(GENERATED)))
 
 
 def compute(cell: Cell) -> dict[str, Any]:
@@ -82,7 +95,7 @@ def compute(cell: Cell) -> dict[str, Any]:
         error.add_note(f"in the experiments' cell {cell.key}")
         raise
     seconds = time.perf_counter() - begin
-    scenario, tree = SCENARIOS[cell.scenario], learned.tree
+    scenario, tree = scenario_of(cell.scenario), learned.tree
     root = tree.flattened(recovery=cell.method != NOMINAL)
     return {
         **asdict(cell),
@@ -93,6 +106,7 @@ def compute(cell: Cell) -> dict[str, Any]:
         "k": scenario.placements,
         "groups": len(learned.report.get("groups", ())),
         "frames": _frames(scenario, learned.report),
+        "questions": len(learned.report.get("questions", ())),
         "notes": list(learned.notes),
         "runs": [asdict(result) for result in _runs(cell, scenario, root)],
     }
@@ -117,28 +131,19 @@ def _frames(scenario: Scenario, report: dict[str, Any]) -> list[dict[str, Any]]:
 def _as_good(script: Sequence[Step], name: str, frame: str) -> bool:
     fixed_to: dict[str, str] = {}
     for step in script:
-        if step.object == name and _root(fixed_to, step.frame) == _root(fixed_to, frame):
+        anchor = fixed_to.get(step.frame, step.frame)
+        if step.object == name and anchor == fixed_to.get(frame, frame):
             return True
-        fixed_to[step.object] = step.frame
+        fixed_to[step.object] = anchor
     return False
-
-
-def _root(fixed_to: Mapping[str, str], name: str) -> str:
-    """What something is placed upon in the end; a circle of frames ends at its least name."""
-    seen = [name]
-    while seen[-1] in fixed_to:
-        upper = fixed_to[seen[-1]]
-        if upper in seen:
-            return min(seen[seen.index(upper) :])
-        seen.append(upper)
-    return seen[-1]
 
 
 def _runs(cell: Cell, scenario: Scenario, root: Node) -> Iterator[Result]:
     (user, *_) = USERS[cell.users]
     markers = crooked_markers(sorted(scenario.objects), user) if user.crooked_rad else {}
+    written = cell.scenario in SCENARIOS
     for number in range(cell.runs):
-        name, when = KINDS[number % len(KINDS)]
+        name, when = KINDS[(number if written else number + cell.number * cell.runs) % len(KINDS)]
         seed = 100_000 * (cell.number + 1) + number
         yield run(root, scenario, seed, DISTURBANCES.get(name), when, markers=markers)
 
