@@ -1,19 +1,39 @@
-"""The planner of the paper: backchaining in a world whose leaves fail (section III-C, after Colledanchise 2019).
+"""The planner of the paper: backchaining in a simulator whose leaves fail once (section III-C, Colledanchise 2019).
 
-From the goal conditions in a Sequence: a condition that fails becomes Fallback(condition, Sequence(preconditions of
-an action, action)) for the cheapest action that achieves it; where an action undoes what a sibling to the left has
-achieved, it moves before it. The world is abstract: its state is the set of conditions that hold.
+From the goal conditions in a Sequence, the tree is run again and again. A condition that fails becomes
+Fallback(condition, Sequence(preconditions of an action, action), ...) with the cheapest actions that achieve it; a
+child of a Sequence whose actions undo what a sibling to its left has achieved moves before it.
+
+Where the paper is silent, this planner does what the authors' published code does, unless noted:
+
+- Of several actions that achieve a condition at the same lowest cost all become children of the Fallback, in the order
+  in which they were demonstrated (in Colledanchise 2019: all actions). The positions among an action's preconditions
+  are the context that it was learned in, and tell at run time which of them is done.
+- What failed is expanded only if the whole tree failed by it, in each child of a failed Fallback.
+- A condition on the gripper's state fails at its first tick. The published code takes that for a failure like any
+  other; here such a leaf is expanded at once and alone, since nothing failed but by design. Otherwise the positions of
+  a context that has passed would be expanded beside it, and the tree would go back to that context for ever.
+- Conflicts are looked for in every Sequence, as in Colledanchise 2019, and two children change places only once. The
+  published code looks at the topmost alone, and stops planning where changing places has no end.
+- No action is prepared within its own preparation; the published code nests without bound.
+- The published code's random starts and disturbances are left out: the paper does not speak of them.
+- Nothing is refused: a tree that does not reach its goal in the simulator is returned as it is after the last run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
-from learner.errors import NothingLearnedError
-from learner.model import Action, Condition, GripperIs, InGripper, Node, ObjectAt, ObjectRoughlyAt, compatible
+from learner.model import Action, Condition, GripperIs, Node, compatible
 from learner.model.names import NONE
 from learner.model.tree import fallback, leaf, sequence
+from learner.pointworld import PointWorld
+from learner.ticking import Status
+
+TICKS: Final = 100
+"""A run ends after this many ticks (reference code)."""
 
 
 @dataclass(frozen=True)
@@ -26,23 +46,12 @@ class Operator:
     cost: float
 
 
-State = frozenset[Condition]
-INITIAL: State = frozenset({GripperIs("open"), InGripper(NONE)})
+@dataclass(frozen=True)
+class Plan:
+    """A tree, and whether it reached its goal in the planner's simulator."""
 
-
-def effects(operator: Operator, state: State) -> State:
-    """The state after an action: its post-conditions, and what of the old state can hold beside them.
-
-    An object that is picked up is no longer where it was.
-    """
-    held = {c.object for c in operator.postconditions if isinstance(c, InGripper) and c.object != NONE}
-    kept = (
-        condition
-        for condition in state
-        if all(compatible(condition, new) for new in operator.postconditions)
-        and not (isinstance(condition, ObjectAt | ObjectRoughlyAt) and condition.object in held)
-    )
-    return frozenset(kept) | operator.postconditions
+    root: Node
+    reached: bool
 
 
 @dataclass(eq=False)
@@ -77,98 +86,145 @@ class _Branch:
 
 
 class Planner:
-    """Grows one tree. Deterministic: equal goals and operators make equal trees."""
+    """Grows one tree. Deterministic: equal goals and operators, in equal order, make equal trees."""
 
     def __init__(self, goals: Sequence[Condition], operators: Iterable[Operator], rollouts: int = 50) -> None:
-        self.operators = sorted(operators, key=lambda operator: (operator.cost, repr(operator.action)))
+        self.operators = list(operators)
         self.rollouts = rollouts
-        self.goals = frozenset(goals)
+        self.world = PointWorld(_frames(goals, self.operators))
         self.root = _Branch(is_sequence=True)
         for goal in goals:
-            self.root.add(self._condition(goal))
-        self.state = INITIAL
-        self.failed: _Leaf | None = None
+            self.root.add(_leaf(goal))
+        self.failed: list[_Leaf] = []
+        self.expanded = self.by_design = False
+        self.moved: set[frozenset[int]] = set()
 
-    def plan(self) -> Node:
-        """The tree. Raises NothingLearnedError if the goal is not reached within the rollouts.
-
-        A rollout starts where nothing has been done yet and ticks until the tree succeeds and the goal holds: an
-        action within the tick may have undone what stands to its left.
-        """
+    def plan(self) -> Plan:
+        """The tree after the last run: the first in which nothing was expanded, since all others would be like it."""
+        reached = False
         for _ in range(self.rollouts):
-            self.state = INITIAL
-            expanded = False
-            for _ in range(20 * (1 + self._size())):
-                self.failed = None
-                if self._tick(self.root) and self.goals <= self.state:
-                    break
-                if self.failed is not None and self._expand(self.failed):
-                    expanded = True
-            else:
-                continue
-            if not expanded:
-                return self.root.node()
-        raise NothingLearnedError("the planner does not reach the goal in its own world; its conditions conflict")
+            self.expanded = False
+            reached = self._run()
+            if not self.expanded:
+                break
+        return Plan(self.root.node(), reached)
 
-    def _size(self) -> int:
-        return self.root.node().size
+    def _run(self) -> bool:
+        """Tick from the beginning until the tree succeeds; false after too many ticks."""
+        self.world.reset()
+        for _ in range(TICKS):
+            self.failed, self.by_design = [], False
+            status = self._tick(self.root)
+            if status is Status.SUCCESS:
+                return True
+            if status is Status.FAILURE and not self.by_design:
+                self._expand(self.failed)
+        return False
 
-    def _tick(self, node: _Leaf | _Branch) -> bool:
-        """Tick once; an action succeeds at once. The first condition that fails and can be expanded is remembered."""
+    def _tick(self, node: _Leaf | _Branch) -> Status:
+        """Tick once. What an action brings about is seen at the next tick."""
         if isinstance(node, _Branch):
-            if node.is_sequence:
-                return all(self._tick(child) for child in list(node.children))
-            return any(self._tick(child) for child in list(node.children))
-        if isinstance(node.word, Operator):
-            self.state = effects(node.word, self.state)
-            return True
-        holds = node.word in self.state and not node.fails_once
-        node.fails_once = False
-        if not holds and self.failed is None and node.parent is not None and node.parent.is_sequence:
-            self.failed = node
+            return self._tick_branch(node)
+        if not isinstance(node.word, Operator):
+            return Status.SUCCESS if self._check(node, node.word) else Status.FAILURE
+        self.world.do(node.word.action)
+        return Status.RUNNING
+
+    def _tick_branch(self, node: _Branch) -> Status:
+        """A Sequence until a child does not succeed, a Fallback until one does not fail."""
+        goes_on = Status.SUCCESS if node.is_sequence else Status.FAILURE
+        for child in list(node.children):
+            status = self._tick(child)
+            if status is not goes_on:
+                return status
+        return goes_on
+
+    def _check(self, node: _Leaf, condition: Condition) -> bool:
+        """Whether a condition holds. If it does not and was not expanded yet, it is remembered."""
+        if node.fails_once:
+            node.fails_once, self.by_design = False, True
+            self._expand([node])
+            return False
+        holds = self.world.holds(condition)
+        if not holds and node.parent is not None and node.parent.is_sequence:
+            self.failed.append(node)
         return holds
 
-    def _condition(self, condition: Condition) -> _Leaf:
-        """A leaf; the gripper's state fails once, since only the gripper can change in a world without physics."""
-        return _Leaf(condition, fails_once=isinstance(condition, GripperIs))
+    def _expand(self, failed: Iterable[_Leaf]) -> None:
+        for leaf_ in failed:
+            achievers = self._achievers(leaf_)
+            if achievers and leaf_.parent is not None:
+                self.expanded = True
+                self._give_way(self._put_choice(leaf_.parent, leaf_, achievers))
 
-    def _expand(self, failed: _Leaf) -> bool:
-        operator = self._achiever(failed)
-        if operator is None or failed.parent is None:
-            return False
-        parent, place = failed.parent, failed.parent.children.index(failed)
-        chain = _Branch(is_sequence=True)
-        for precondition in operator.preconditions:
-            chain.add(self._condition(precondition))
-        chain.add(_Leaf(operator))
+    def _achievers(self, failed: _Leaf) -> list[Operator]:
+        """The cheapest actions that achieve the condition, of those that are not already being prepared above."""
+        above = {id(child.word) for node in _upwards(failed) for child in node.children if isinstance(child, _Leaf)}
+        fitting = [o for o in self.operators if failed.word in o.postconditions and id(o) not in above]
+        return [o for o in fitting if o.cost == min(other.cost for other in fitting)]
+
+    def _put_choice(self, parent: _Branch, failed: _Leaf, achievers: Iterable[Operator]) -> _Branch:
         choice = _Branch(is_sequence=False, parent=parent)
+        parent.children[parent.children.index(failed)] = choice
         choice.add(failed)
-        choice.add(chain)
-        parent.children[place] = choice
-        self._reorder(parent, choice, operator)
-        return True
+        for operator in achievers:
+            choice.add(_chain(operator))
+        return choice
 
-    def _achiever(self, failed: _Leaf) -> Operator | None:
-        """The cheapest action that achieves the condition and is not already being prepared above."""
-        above = set()
-        node = failed.parent
-        while node is not None:
-            above |= {id(child.word) for child in node.children if isinstance(child, _Leaf)}
-            node = node.parent
-        fitting = (o for o in self.operators if failed.word in o.postconditions and id(o) not in above)
-        return next(fitting, None)
+    def _give_way(self, choice: _Branch) -> None:
+        """In every Sequence above, what undoes a sibling to its left comes before it."""
+        child = choice
+        for parent in _upwards(choice):
+            if parent.is_sequence:
+                self._reorder(parent, child)
+            child = parent
 
-    def _reorder(self, parent: _Branch, choice: _Branch, operator: Operator) -> None:
-        """Move an expanded condition before the first sibling to its left that the new action would undo."""
-        place = parent.children.index(choice)
-        for index in range(place):
-            if self._undoes(operator, parent.children[index]):
-                parent.children.insert(index, parent.children.pop(place))
+    def _reorder(self, parent: _Branch, child: _Branch) -> None:
+        """Move a child before the first sibling that it undoes; two that undo each other change places only once."""
+        effects = _effects(child)
+        for index, sibling in enumerate(parent.children[: parent.children.index(child)]):
+            pair, wanted = frozenset({id(child), id(sibling)}), _wanted(sibling)
+            if wanted and pair not in self.moved and any(not compatible(wanted, effect) for effect in effects):
+                self.moved.add(pair)
+                parent.children.remove(child)
+                parent.children.insert(index, child)
                 return
 
-    def _undoes(self, operator: Operator, sibling: _Leaf | _Branch) -> bool:
-        condition = sibling if isinstance(sibling, _Leaf) else sibling.children[0]
-        if not isinstance(condition, _Leaf) or isinstance(condition.word, Operator):
-            return False
-        wanted = condition.word
-        return wanted not in effects(operator, frozenset({wanted}))
+
+def _leaf(condition: Condition) -> _Leaf:
+    return _Leaf(condition, fails_once=isinstance(condition, GripperIs))
+
+
+def _chain(operator: Operator) -> _Branch:
+    """Sequence(preconditions of an action, action)."""
+    chain = _Branch(is_sequence=True)
+    for precondition in operator.preconditions:
+        chain.add(_leaf(precondition))
+    chain.add(_Leaf(operator))
+    return chain
+
+
+def _upwards(node: _Leaf | _Branch) -> Iterator[_Branch]:
+    """The branches above a node, from its parent to the root."""
+    while node.parent is not None:
+        node = node.parent
+        yield node
+
+
+def _wanted(node: _Leaf | _Branch) -> Condition | None:
+    """The condition that a child of a Sequence checks or achieves; None for its action."""
+    first = node.children[0] if isinstance(node, _Branch) else node
+    return first.word if isinstance(first, _Leaf) and not isinstance(first.word, Operator) else None
+
+
+def _effects(node: _Leaf | _Branch) -> set[Condition]:
+    """The post-conditions of all actions from here down."""
+    if isinstance(node, _Leaf):
+        return set(node.word.postconditions) if isinstance(node.word, Operator) else set()
+    return {effect for child in node.children for effect in _effects(child)}
+
+
+def _frames(goals: Iterable[Condition], operators: Iterable[Operator]) -> set[str]:
+    """Every object and frame that is spoken of."""
+    words = [*goals, *(word for o in operators for word in (o.action, *o.preconditions))]
+    return {getattr(word, what) for word in words for what in ("object", "frame") if hasattr(word, what)} - {NONE}

@@ -29,21 +29,32 @@ def guards(
     """The conditions that the demonstrated order makes preconditions of the action `key`, the oldest first.
 
     Those are the positions that earlier actions achieved, unless they are incompatible with the action's own
-    conditions; of two that conflict, the one closer to the action in the demonstration wins. What the gripper holds
-    is left out: it lasts only until the next action, whose own preconditions say it.
+    conditions; of two that conflict, the one closer to the action wins, in whichever demonstration it came closest.
+    What the gripper holds is left out: it lasts only until the next action, whose own preconditions say it.
     """
-    before = {a for a, b in orders(sequences) if b == key}
     own = actions[key].preconditions | actions[key].postconditions
-    found: dict[Condition, None] = {}
-    for sequence in sequences:
-        if key not in sequence:
-            continue
-        for earlier in reversed(sequence[: list(sequence).index(key)]):
-            for condition in _positions(actions[earlier]):
-                if earlier in before and all(compatible(condition, other) for other in (*own, *found)):
-                    found[condition] = None
+    distances = _distances(key, actions, sequences)
+    found: list[Condition] = []
+    for condition in sorted(distances, key=lambda condition: (distances[condition], repr(condition))):
+        if all(compatible(condition, other) for other in (*own, *found)):
+            found.append(condition)
     ranks = {c: _rank(c, actions, sequences) for c in found}
     return tuple(sorted(found, key=lambda condition: (ranks[condition], repr(condition))))
+
+
+def _distances(
+    key: Key, actions: Mapping[Key, Action], sequences: Collection[Sequence[Key]]
+) -> dict[Condition, int]:  # fmt: skip
+    """The positions achieved before the action `key` in every demonstration that shows both, and how many actions
+    before it at the least."""
+    before = {a for a, b in orders(sequences) if b == key}
+    found: dict[Condition, int] = {}
+    for sequence in sequences:
+        place = list(sequence).index(key) if key in sequence else 0
+        for distance, earlier in enumerate(reversed(sequence[:place]), start=1):
+            for condition in _positions(actions[earlier]) if earlier in before else ():
+                found[condition] = min(distance, found.get(condition, distance))
+    return found
 
 
 def goals(sequence: Sequence[Key], actions: Mapping[Key, Action]) -> tuple[Condition, ...]:

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from learner.backchaining import Operator, Planner
+from learner.backchaining import Operator, Plan, Planner
 from learner.clustering import Cluster, clusters_in_frame
 from learner.constraints import goals, guards
 from learner.learned import Learned, main_id
 from learner.model import Action, Definition, Demonstration, Drop, Pick, Place, SetGripper, Tree
 from learner.model.condition import GripperState
-from learner.model.tree import Node, fallback
+from learner.model.tree import fallback
 from learner.parameters import PaperParameters, Parameters
 from learner.rounding import rounded_pose, rounded_vector
 from learner.samples import Sample, candidate_frames, positions_in, samples_of
@@ -28,7 +28,11 @@ Identity = tuple[Any, ...]
 
 
 def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
-    """The tree of the published method. Raises NothingLearnedError if the planner does not reach the goal."""
+    """The tree of the published method.
+
+    Nothing is refused: where conditions conflict so that the planner does not reach a group's goal in its own
+    simulator, the tree is the one that it grew until then, as the published code's is, and a note says so.
+    """
     numbers = parameters.paper
     samples = samples_of(demonstrations)
     identities, clusters = identify(samples, len(demonstrations), numbers)
@@ -37,13 +41,24 @@ def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameter
     for sample, identity in zip(samples, identities, strict=True):
         sequences[sample.demonstration].append(identity)
     groups = _groups(sequences, actions)
-    roots = [_plan(group, actions, numbers) for group in groups]
+    plans = [_plan(group, actions, numbers) for group in groups]
+    roots = [plan.root for plan in plans]
     root = roots[0] if len(roots) == 1 else fallback(*roots, reactive=False)
+    members = [sorted(_members(group, sequences, demonstrations)) for group in groups]
     report = {
-        "groups": [{"demonstrations": sorted(_members(group, sequences, demonstrations))} for group in groups],
+        "groups": [{"demonstrations": m, "reached": p.reached} for m, p in zip(members, plans, strict=True)],
         "actions": [_describe(action) for action in sorted(actions.values(), key=repr)],
     }
-    return Learned(Tree(Definition(main_id(demonstrations), root)), report, ())
+    notes = tuple(_unreached(m) for m, plan in zip(members, plans, strict=True) if not plan.reached)
+    return Learned(Tree(Definition(main_id(demonstrations), root)), report, notes)
+
+
+def _unreached(members: Sequence[str]) -> str:
+    others = f" and {len(members) - 1} more like it" if len(members) > 1 else ""
+    return (
+        f"the conditions learned from demonstration {members[0]}{others} conflict: their goal is not reached in the"
+        " planner's own simulator; use method treewright, or leave such demonstrations out"
+    )
 
 
 def identify(
@@ -71,14 +86,14 @@ def identify(
 def _memberships(
     samples: Sequence[Sample], members: Sequence[int], min_samples: int, eps_m: float
 ) -> dict[int, list[Cluster]]:
-    """For each sample the clusters that it lies in, the best first."""
+    """For each sample the clusters that it lies in, the best first; of equal ones that in the base, then by frame."""
     found: dict[int, list[Cluster]] = {number: [] for number in members}
     for frame in candidate_frames(samples[number] for number in members):
         known, points = positions_in(frame, samples, members, "target")
         for cluster in clusters_in_frame(frame, known, points, eps_m, min_samples):
             for number in cluster.members:
                 found[number].append(cluster)
-    return {number: sorted(of, key=lambda c: (-c.score, c.frame, c.members)) for number, of in found.items()}
+    return {number: sorted(of, key=lambda c: -c.score) for number, of in found.items()}
 
 
 def _tells_contexts(ranked: Sequence[Cluster], demonstrations: int, numbers: PaperParameters) -> bool:
@@ -92,13 +107,18 @@ def _action(
     identities: Sequence[Identity],
     numbers: PaperParameters,
 ) -> Action:
-    """The action of an identity: the first of its samples is executed, the mean of the rests is achieved."""
+    """The action of an identity; what it achieves is the mean of the rests.
+
+    Executed is what the reference code executes: the mean position of the picks, and of one of the placements its own;
+    there it is drawn anew each time, here it is the first, as is the orientation.
+    """
     members = [samples[number] for number, identity in enumerate(identities) if identity == key]
     frame = cluster.frame if cluster else members[0].base_frame
     target = rounded_pose(members[0].target(frame))
     name = members[0].action.object
     if members[0].action.type == "pick":
-        return Pick(name, frame, target.position, target.quaternion_xyzw)
+        mean = rounded_vector(np.mean([sample.target(frame).position for sample in members], axis=0))
+        return Pick(name, frame, mean, target.quaternion_xyzw)
     rest = rounded_vector(np.mean([sample.rest(frame).position for sample in members], axis=0))
     if members[0].action.type == "place":
         return Place(name, frame, target.position, target.quaternion_xyzw, rest, numbers.place_radius_m)
@@ -115,8 +135,9 @@ def _groups(
     return sorted(groups.values(), key=lambda group: -len(group))
 
 
-def _plan(group: Sequence[Sequence[Identity]], actions: dict[Identity, Action], numbers: PaperParameters) -> Node:
-    used = {key for sequence in group for key in sequence}
+def _plan(group: Sequence[Sequence[Identity]], actions: dict[Identity, Action], numbers: PaperParameters) -> Plan:
+    """The planner's tree for one group; its operators come in the order in which they were demonstrated."""
+    used = dict.fromkeys(key for sequence in group for key in sequence)
     costs = {Pick: numbers.pick_cost, Place: numbers.place_cost, Drop: numbers.place_cost}
     operators = [
         Operator(
@@ -125,7 +146,7 @@ def _plan(group: Sequence[Sequence[Identity]], actions: dict[Identity, Action], 
             actions[key].postconditions,
             costs[type(actions[key])],
         )
-        for key in sorted(used, key=repr)
+        for key in used
     ]
     states: tuple[GripperState, ...] = ("open", "closed")
     for state in states:

@@ -84,6 +84,12 @@ def test_of_two_conditions_that_conflict_the_one_closer_to_the_action_guards_it(
     assert guards("B left", ACTIONS, [["A right", "A left", "B left"]]) == (A_LEFT,)
 
 
+def test_of_two_conditions_that_conflict_the_one_that_ever_came_closer_guards() -> None:
+    far, close = ["A left", "pick A", "pick B", "B left"], ["A right", "B left"]
+    assert guards("B left", ACTIONS, [far, close]) == (A_RIGHT,)
+    assert guards("B left", ACTIONS, [close, far]) == (A_RIGHT,)
+
+
 def test_a_guard_never_contradicts_the_action_itself() -> None:
     assert guards("A right", ACTIONS, [["A left", "pick A", "A right"]]) == ()
 
