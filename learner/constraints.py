@@ -29,13 +29,14 @@ def guards(
     """The conditions that the demonstrated order makes preconditions of the action `key`, the oldest first.
 
     Those are the positions that earlier actions achieved, unless they are incompatible with the action's own
-    conditions; of two that conflict, the one closer to the action wins, in whichever demonstration it came closest.
+    conditions; of two that conflict, the one closer to the action wins, in whichever demonstration it came closest, and
+    of two as close the one demonstrated first.
     What the gripper holds is left out: it lasts only until the next action, whose own preconditions say it.
     """
     own = actions[key].preconditions | actions[key].postconditions
     distances = _distances(key, actions, sequences)
     found: list[Condition] = []
-    for condition in sorted(distances, key=lambda condition: (distances[condition], repr(condition))):
+    for condition in sorted(distances, key=lambda condition: distances[condition]):
         if all(compatible(condition, other) for other in (*own, *found)):
             found.append(condition)
     ranks = {c: _rank(c, actions, sequences) for c in found}

@@ -90,6 +90,12 @@ def test_of_two_conditions_that_conflict_the_one_that_ever_came_closer_guards() 
     assert guards("B left", ACTIONS, [close, far]) == (A_RIGHT,)
 
 
+def test_of_two_conditions_that_conflict_and_came_as_close_the_first_one_guards() -> None:
+    left, right = ["A left", "B left"], ["A right", "B left"]
+    assert guards("B left", ACTIONS, [left, right]) == (A_LEFT,)
+    assert guards("B left", ACTIONS, [right, left]) == (A_RIGHT,)
+
+
 def test_a_guard_never_contradicts_the_action_itself() -> None:
     assert guards("A right", ACTIONS, [["A left", "pick A", "A right"]]) == ()
 
