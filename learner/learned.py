@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from learner.model import Demonstration, Tree
 from learner.model.names import identifier
+
+if TYPE_CHECKING:  # a plan makes trees, and names them by main_id
+    from learner.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,8 @@ class Learned:
     notes: tuple[str, ...]
     certificate: dict[str, Any] | None = None
     """What was proven of the tree: see learner.proof.Certificate."""
+    plan: Plan | None = field(default=None, repr=False, compare=False)
+    """Where the method can make the tree again with repairs: from what."""
 
 
 def main_id(demonstrations: Sequence[Demonstration]) -> str:

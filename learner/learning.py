@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Final
-
-import numpy as np
 
 from learner.errors import NothingLearnedError
 from learner.learned import Learned
 from learner.model import Demonstration
 from learner.paper import learn_plainly
 from learner.parameters import Parameters
-from learner.proof import Certificate, prove
 from learner.treewright import learn_robustly
+from learner.trial import proven, tried
 
 Method = Callable[[Sequence[Demonstration], Parameters], Learned]
 
@@ -23,13 +20,18 @@ DEFAULT_METHOD: Final = "treewright"
 
 
 def learn(
-    demonstrations: Sequence[Demonstration], parameters: Parameters | None = None, method: str = DEFAULT_METHOD
+    demonstrations: Sequence[Demonstration],
+    parameters: Parameters | None = None,
+    method: str = DEFAULT_METHOD,
+    rehearsed: bool = False,
 ) -> Learned:
     """The tree that `method` learns from demonstrations of one task; the same input gives the same bytes.
 
-    The tree is proven in the world of its own conditions (learner.proof): the certificate says what was found. The
-    order in which the demonstrations come does not matter. Raises NothingLearnedError for no demonstrations,
-    for demonstrations of several tasks or base frames, for an unknown method, and where no tree follows.
+    The tree is proven in the world of its own conditions (learner.proof): the certificate says what was found. If
+    `rehearsed`, it is run and repaired in simulation before that, and replayed with the arm (learner.trial): seconds
+    instead of fractions of one. The order in which the demonstrations come does not matter. Raises
+    NothingLearnedError for no demonstrations, for demonstrations of several tasks or base frames, for an unknown
+    method, and where no tree follows.
     """
     if method not in METHODS:
         raise NothingLearnedError(f"no method {method!r}; there are {', '.join(METHODS)}")
@@ -42,11 +44,6 @@ def learn(
                 f"the demonstrations differ in their {what.replace('_', ' ')}: {', '.join(names)}"
             )
     ordered = sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
-    learned = METHODS[method](ordered, parameters or Parameters())
-    certificate = prove(learned.tree, ordered[0].base_frame, np.random.default_rng(0))
-    notes = learned.notes if certificate.counterexample is None else (*learned.notes, _unproven(certificate))
-    return replace(learned, certificate=certificate.to_data(), notes=notes)
-
-
-def _unproven(certificate: Certificate) -> str:
-    return f"the tree is not proven; it may get only the alias latest: from a state with {certificate.counterexample}"
+    parameters = parameters or Parameters()
+    learned = METHODS[method](ordered, parameters)
+    return tried(learned, ordered, parameters) if rehearsed else proven(learned, ordered[0].base_frame)

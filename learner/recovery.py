@@ -19,13 +19,15 @@ from learner.model.condition import DROP_RADIUS_M, GripperIs, ObjectRoughlyAt
 from learner.model.names import distinct_identifiers
 from learner.model.pose import Array, conjugate, rotate
 from learner.model.tree import RECOVERY_PREFIX, Value, fallback, leaf, sequence, subtree
-from learner.rounding import rounded_pose, rounded_vector
+from learner.rounding import rounded, rounded_pose, rounded_vector
 from learner.targets import Target
 
 COVER_RADIUS_M = 0.035
 """An object's origin this near to the middle of the place above another covers it: it would not stay further off."""
 OCCUPY_RADIUS_M = 0.045
 """An object this near to a place leaves no room there for another of 5 cm."""
+TOUCH_M = 0.005
+"""Between outlines nearer than this perception sees no gap."""
 SPOTS = 4
 """So many spots are tried for what is put aside."""
 LEVELS = 5
@@ -61,10 +63,19 @@ class Cover:
 
 
 class Recovery:
-    """The recovery nodes of one task: `before(step)` for the tree, and the SubTree `definitions` they use."""
+    """The recovery nodes of one task: `before(step)` for the tree, and the SubTree `definitions` they use.
 
-    def __init__(self, demonstrations: Sequence[Demonstration], actions: Executables, targets: Sequence[Target]):
-        self.demonstrations, self.actions, self.targets = demonstrations, actions, targets
+    `widened` names objects that occupy the place of a target even where they stand only partly on it.
+    """
+
+    def __init__(
+        self,
+        demonstrations: Sequence[Demonstration],
+        actions: Executables,
+        targets: Sequence[Target],
+        widened: frozenset[tuple[Target, str]] = frozenset(),
+    ) -> None:
+        self.demonstrations, self.actions, self.targets, self.widened = demonstrations, actions, targets, widened
         self.base = demonstrations[0].base_frame
         self.ids = distinct_identifiers({name for d in demonstrations for name in (*d.objects, d.base_frame)})
         self.picks = self._picks()
@@ -186,16 +197,24 @@ class Recovery:
         norm = float(np.linalg.norm(up))
         return np.asarray(up / norm) if norm > 0.5 else np.array([0.0, 0.0, 1.0])
 
-    def _occupations(self, step: Step) -> list[ObjectAt]:
+    def _occupations(self, step: Step) -> list[ObjectAt | ObjectRoughlyAt]:
         """Which other objects may occupy the place of a step. Dropping needs no free place."""
         place = self.actions.placements[step.target]
         if self.actions.scene is None or not isinstance(place, Place):
             return []
+        others = [name for name in sorted(self.picks) if name not in (step.target.object, place.frame)]
         return [
-            ObjectAt(name, place.frame, place.rest, OCCUPY_RADIUS_M)
-            for name in sorted(self.picks)
-            if name not in (step.target.object, place.frame)
+            ObjectRoughlyAt(name, place.frame, place.rest, self._touching_m(name, step.target.object))
+            if (step.target, name) in self.widened
+            else ObjectAt(name, place.frame, place.rest, OCCUPY_RADIUS_M)
+            for name in others
         ]
+
+    def _touching_m(self, a: str, b: str) -> float:
+        """The distance [m] of two origins below which the outlines may touch, whatever the yaws."""
+        scene = self.actions.scene
+        sizes = [scene.objects[name].size_m[:2] for name in (a, b) if scene and name in scene.objects]
+        return rounded(min(DROP_RADIUS_M, TOUCH_M + sum(float(np.hypot(x, y)) for x, y in sizes) / 2))
 
     def _raised(self, step: Step) -> list[Cover]:
         """What the reference may have been put upon, so that nothing could be placed beside it.

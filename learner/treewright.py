@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from learner.executables import Executables
-from learner.learned import Learned, main_id
+from learner.learned import Learned
 from learner.model import Demonstration
 from learner.parameters import Parameters
+from learner.plan import Plan
 from learner.questions import questions
-from learner.recovery import Recovery
-from learner.synthesis import tree_of
 from learner.understanding import Understanding, understand
-from learner.users import agreement
+from learner.users import agreement, understood_without
 
 _REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
 
@@ -25,12 +23,11 @@ _REASONS = {True: "was put back", False: "was put where others do not put it, or
 def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
     """The tree of our method, with what is not known. Raises NothingLearnedError if nothing was moved."""
     understood = understand(demonstrations, parameters)
-    actions = Executables(demonstrations, understood.moves, understood.targets, parameters)
-    recovery = Recovery(demonstrations, actions, understood.targets)
-    tree = tree_of(main_id(demonstrations), understood.groups, actions, recovery)
+    plan = Plan(understood, parameters, understood_without(understood, parameters))
     asked = questions(demonstrations, understood.targets, parameters)
-    users = agreement(understood, parameters)
-    return Learned(tree, _report(understood, asked, users), _notes(understood, asked, users))
+    users = agreement(understood, plan.without)
+    report, notes = _report(understood, asked, users), _notes(understood, asked, users)
+    return Learned(plan.tree(), report, notes, plan=plan)
 
 
 def _notes(

@@ -6,6 +6,9 @@ import json
 import os
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 
@@ -45,6 +48,19 @@ class Console:
         """The reader of standard output is gone: say no more, and keep the interpreter from complaining at exit."""
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+
+
+@contextmanager
+def silent_standard_error() -> Iterator[None]:
+    """pybullet announces its build time on standard error, which is for one clear line of failure."""
+    with Path(os.devnull).open("w") as nowhere:
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def _sentence(error: BaseException) -> str:

@@ -16,6 +16,7 @@ from learner.learning import DEFAULT_METHOD, learn
 from learner.model import Demonstration, check_name
 from learner.observation import warnings_of
 from learner.parameters import Parameters
+from pipelines.console import silent_standard_error
 from pipelines.errors import CommandError
 from storage.artifacts import LATEST, ArtifactStore
 from storage.lake import Entry, Lake
@@ -64,9 +65,17 @@ def learn_task(
     include_unknown: bool = False,
     include_gaps: bool = False,
 ) -> Lesson:
-    """The whole way for one task. Raises what its three steps raise."""
+    """The whole way for one task: choose, learn and rehearse, publish. Raises what its steps raise."""
     choice = choose(lake, task, include_unknown, include_gaps)
-    return publish(store, choice, learn(choice.demonstrations, Parameters(), method), method)
+    return publish(store, choice, learn_from(choice, method), method)
+
+
+def learn_from(choice: Choice, method: str = DEFAULT_METHOD) -> Learned:
+    """Learn and rehearse; where the scene is known, replay with the arm. Raises NothingLearnedError."""
+    if _scene_known(choice):
+        with silent_standard_error():
+            import learner.simulation.physical  # noqa: F401  # takes a fifth of a second, and is rarely needed
+    return learn(choice.demonstrations, Parameters(), method, rehearsed=True)
 
 
 def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: bool = False) -> Choice:

@@ -374,7 +374,7 @@ class KinematicWorld:
 
     def reaches(self, position: Vector) -> bool:
         """Whether the arm can bring its fingertips there [m]."""
-        return reachable(position)
+        return reachable(position, self.workspace_m)
 
     # -- motions -------------------------------------------------------------------------------------------------
 
@@ -427,7 +427,7 @@ class KinematicWorld:
         pose = Pose(node.port("position"), node.port("orientation"))  # type: ignore[arg-type]  # checked by Tree
         origin, quaternion = self.see(str(node.port("frame")))
         target = Pose(origin, quaternion) @ pose
-        if not reachable(target.position, self.workspace_m):
+        if not self.reaches(target.position):
             return "the target is out of reach"
         yield from self._travel(target)
         self.move_hand(target.position)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from pipelines.console import Console
+from pipelines.console import Console, silent_standard_error
 from pipelines.errors import CommandError
 from pipelines.session import add_zenoh_arguments, open_session
 
@@ -50,7 +47,7 @@ def _live(arguments: argparse.Namespace, console: Console, session: zenoh.Sessio
 
     from learner.simulation.camera import Noise
 
-    with _silent_standard_error():
+    with silent_standard_error():
         from learner.simulation.world import World
     from pipelines.cell import Cell
 
@@ -72,19 +69,6 @@ def _live(arguments: argparse.Namespace, console: Console, session: zenoh.Sessio
             f"the cell {cell.name} shows {arguments.scenario} with {', '.join(world.objects)}; stop with Ctrl-C"
         )
         cell.run(stop)
-
-
-@contextmanager
-def _silent_standard_error() -> Iterator[None]:
-    """pybullet announces its build time on standard error, which is for one clear line of failure."""
-    with Path(os.devnull).open("w") as nowhere:
-        kept = os.dup(2)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
 
 
 def _check(arguments: argparse.Namespace) -> None:

@@ -7,12 +7,11 @@ from pathlib import Path
 from prefect import flow, task
 
 from learner.learned import Learned
-from learner.learning import DEFAULT_METHOD, learn
-from learner.parameters import Parameters
+from learner.learning import DEFAULT_METHOD
 from pipelines.flows.patience import PATIENT
 from pipelines.flows.shown import show_learned, show_lesson
 from pipelines.home import Home
-from pipelines.learn import Choice, Lesson, choose, publish
+from pipelines.learn import Choice, Lesson, choose, learn_from, publish
 from pipelines.stores import open_lake, open_store
 
 
@@ -42,7 +41,7 @@ def choose_demonstrations(root: str, task_name: str, include_unknown: bool, incl
 @task(name="cluster, infer, plan, verify")
 def learn_tree(choice: Choice, method: str) -> Learned:
     """The learner's one call: the same demonstrations give the same tree."""
-    return learn(choice.demonstrations, Parameters(), method)
+    return learn_from(choice, method)
 
 
 @task(name="publish", **PATIENT)

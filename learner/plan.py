@@ -1,0 +1,64 @@
+"""A plan: what was understood, from which our method makes the tree, once more for each repair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from learner.executables import Executables
+from learner.groups import Group, Step
+from learner.learned import main_id
+from learner.model import Drop, Place, Tree
+from learner.parameters import Parameters
+from learner.recovery import Recovery
+from learner.repairs import NOTHING, Repairs
+from learner.synthesis import tree_of
+from learner.targets import Target
+from learner.understanding import Understanding
+
+
+@dataclass(frozen=True)
+class Plan:
+    """`understood` is what all demonstrations mean, `without` for each of several users what those of the others mean
+    (None where they are too few, or mean nothing).
+    """
+
+    understood: Understanding
+    parameters: Parameters
+    without: Mapping[str, Understanding | None]
+
+    def tree(self, repairs: Repairs = NOTHING) -> Tree:
+        """The tree, with what a rehearsal has taught."""
+        understood = self.understood
+        actions = self._actions()
+        actions.placements.update(
+            {target: replace(actions.placements[target], radius=radius) for target, radius in repairs.radii}
+        )
+        groups = [replace(group, steps=in_order(group, repairs)) for group in understood.groups]
+        recovery = Recovery(understood.demonstrations, actions, understood.targets, widened=repairs.widened)
+        return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
+
+    @cached_property
+    def placements(self) -> Mapping[Target, Place | Drop]:
+        """How each target is reached, as it was demonstrated."""
+        return self._actions().placements
+
+    @cached_property
+    def nearest_m(self) -> Mapping[Target, float]:
+        """For each target the distance [m] to the nearest other one."""
+        return self._actions().nearest_m
+
+    def _actions(self) -> Executables:
+        understood = self.understood
+        return Executables(understood.demonstrations, understood.moves, understood.targets, self.parameters)
+
+
+def in_order(group: Group, repairs: Repairs) -> tuple[Step, ...]:
+    """The steps, each that is to come before another moved before it; what contradicts itself stays as it is."""
+    left, found = list(group.steps), []
+    while left:
+        free = [s for s in left if not any((other.target, s.target) in repairs.before for other in left)]
+        found.append((free or left)[0])
+        left.remove(found[-1])
+    return tuple(found)

@@ -1,0 +1,146 @@
+"""What a rehearsal teaches the planner: each failed rollout is a counterexample, and most tell what was missing.
+
+- Placing fails upon contact with something where no condition looks: there it occupies the place (`widened`).
+- Placing fails upon contact with something that already lies where it belongs: the order is wrong (`before`).
+- An action succeeds and its condition does not come to hold, or flickers: its radius is too small (`radii`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from learner.goal import Goal, holds
+from learner.model import Drop, Place, Tree
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
+from learner.rehearsal import Outcome, Rehearsal
+from learner.rounding import rounded
+from learner.targets import Target
+
+ROUNDS: Final = 3
+"""So many times a tree is repaired at the most."""
+OFTEN: Final = 3
+"""What happens so often in one rollout is no accident."""
+WIDER: Final = 1.4
+"""A radius that is too small grows by this factor."""
+APART: Final = 0.49
+"""Of the distance to the nearest other target a radius is at most this share."""
+
+
+@dataclass(frozen=True)
+class Repairs:
+    """What the planner is to do otherwise.
+
+    widened: for a target the objects that occupy its place even when they stand only partly on it. before: pairs of
+    targets of which the first is to be reached first. radii: for a target the radius [m] of its condition.
+    """
+
+    widened: frozenset[tuple[Target, str]] = frozenset()
+    before: frozenset[tuple[Target, Target]] = frozenset()
+    radii: tuple[tuple[Target, float], ...] = ()
+
+    def __or__(self, other: Repairs) -> Repairs:
+        """Both; of two radii of one target the wider."""
+        radii = dict(self.radii)
+        for target, radius in other.radii:
+            radii[target] = max(radius, radii.get(target, 0.0))
+        in_order = tuple(sorted(radii.items(), key=lambda item: (item[0].object, item[0].members)))
+        return Repairs(self.widened | other.widened, self.before | other.before, in_order)
+
+    def sentences(self) -> list[str]:
+        """For the manifest."""
+        return [
+            *sorted(f"{b} occupies the place of {t.object} in {t.frame} even partly" for t, b in self.widened),
+            *sorted(f"{a.object} in {a.frame} comes before {b.object} in {b.frame}" for a, b in self.before),
+            *(f"the radius of {t.object} in {t.frame} is {radius:g} m" for t, radius in self.radii),
+        ]
+
+
+NOTHING: Final = Repairs()
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A tree, what it was repaired by, and how it rehearsed."""
+
+    tree: Tree
+    repairs: Repairs
+    rehearsal: Rehearsal
+
+
+def attempts(
+    first: Tree, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal],
+    propose: Callable[[Sequence[Outcome], Repairs], Repairs],
+) -> list[Attempt]:  # fmt: skip
+    """The first tree, then each repaired one that rehearses better than the one before it.
+
+    A repair that makes it no better is not pursued further.
+    """
+    found = [Attempt(first, NOTHING, rehearse(first))]
+    for _ in range(ROUNDS):
+        last = found[-1]
+        repairs = last.repairs | propose(last.rehearsal.failures, last.repairs)
+        if repairs == last.repairs:
+            break
+        tree = plan(repairs)
+        rehearsal = rehearse(tree)
+        if rehearsal.share <= last.rehearsal.share:
+            break
+        found.append(Attempt(tree, repairs, rehearsal))
+    return found
+
+
+class Lessons:
+    """Proposes repairs for the failures of one plan: `placements` by target, `goals` as they were rehearsed."""
+
+    def __init__(
+        self, placements: Mapping[Target, Place | Drop], nearest_m: Mapping[Target, float], goals: Sequence[Goal]
+    ) -> None:
+        self.placements, self.nearest_m, self.goals = placements, nearest_m, goals
+        self.now_m: dict[Target, float] = {}
+
+    def of(self, failures: Sequence[Outcome], known: Repairs = NOTHING) -> Repairs:
+        """The repairs that failed runs of a tree speak for, which was made with those `known`."""
+        found, self.now_m = NOTHING, dict(known.radii)
+        for outcome in failures:
+            for repair in (*self._contacts(outcome), *self._radii(outcome)):
+                found |= repair
+        return found
+
+    def _contacts(self, outcome: Outcome) -> Iterator[Repairs]:
+        for (kind, name, frame, reason), times in sorted(outcome.failing.items()):
+            met = reason.removeprefix("contact with ")
+            if kind in ("Place", "Drop") and met != reason and times >= OFTEN:
+                yield from (self._contact(target, met, outcome) for target in self._targets(name, frame))
+
+    def _contact(self, target: Target, met: str, outcome: Outcome) -> Repairs:
+        """What is met lies where it belongs, and came too early; or it is in the way."""
+        own = [t for t in self.placements if t.object == met and self._lies_at(t, outcome)]
+        if own:
+            return Repairs(before=frozenset((target, other) for other in own))
+        return Repairs(widened=frozenset({(target, met)}))
+
+    def _lies_at(self, target: Target, outcome: Outcome) -> bool:
+        relations = (relation for goal in self.goals for relation in goal.relations)
+        own = (r for r in relations if (r.object, r.frame) == (target.object, target.frame))
+        return any(holds(relation, outcome.world) for relation in own)
+
+    def _radii(self, outcome: Outcome) -> Iterator[Repairs]:
+        """Wider where an object was placed, or reached for and let be, again and again."""
+        again = {(name, frame) for (kind, name, frame), times in outcome.succeeded.items()
+                 if kind in ("Place", "Drop") and times >= OFTEN + outcome.rollout.in_the_way}  # fmt: skip
+        given_up = {name for (kind, name), times in outcome.given_up.items() if kind == "Pick" and times >= OFTEN}
+        for target in self.placements:
+            if (target.object, target.frame) in again or target.object in given_up:
+                yield Repairs(radii=self._wider(target))
+
+    def _wider(self, target: Target) -> tuple[tuple[Target, float], ...]:
+        placement = self.placements[target]
+        cap = PLACE_RADIUS_M if isinstance(placement, Place) else DROP_RADIUS_M
+        now_m = self.now_m.get(target, placement.radius)
+        wider = rounded(min(cap, WIDER * now_m, APART * self.nearest_m.get(target, cap / APART)))
+        return ((target, wider),) if wider > now_m else ()
+
+    def _targets(self, name: str, frame: str) -> list[Target]:
+        return [target for target in self.placements if (target.object, target.frame) == (name, frame)]

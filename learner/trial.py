@@ -1,0 +1,137 @@
+"""The trial of what was learned, before it is published: rehearsed, repaired, proven, and replayed with the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from learner.errors import NothingLearnedError
+from learner.goal import goals_of
+from learner.learned import Learned
+from learner.model import Demonstration, Tree
+from learner.parameters import Parameters
+from learner.plan import Plan
+from learner.proof import Certificate, prove
+from learner.rehearsal import rehearse
+from learner.repairs import NOTHING, Attempt, Lessons, Repairs, attempts
+from learner.replay import Replay, replay
+from learner.stage import Stage
+from learner.understanding import understand
+from learner.users import success_without
+
+
+def proven(learned: Learned, base_frame: str) -> Learned:
+    """With the certificate of its tree, and a note if there is a counterexample."""
+    certificate = _certificate(learned.tree, base_frame)
+    return replace(learned, certificate=certificate.to_data(), notes=(*learned.notes, *_unproven(certificate)))
+
+
+def tried(learned: Learned, demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
+    """With the best of the trees that a plan makes, once rehearsed and repaired, that is proven; else the first.
+
+    A method without a plan has its tree judged by what ours understands of the demonstrations, and not repaired.
+    """
+    base_frame = demonstrations[0].base_frame
+    try:
+        plan = learned.plan or Plan(understand(demonstrations, parameters), parameters, {})
+    except NothingLearnedError as error:
+        told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
+        return proven(replace(learned, report={**learned.report, **told}), base_frame)
+    return _Trial(learned, plan, Stage(demonstrations)).learned()
+
+
+@dataclass(frozen=True)
+class _Tried:
+    attempt: Attempt
+    certificate: Certificate
+    replay: Replay
+
+    @property
+    def better(self) -> tuple[bool, int, float]:
+        """What makes one preferable to another, the most important first."""
+        proven = self.certificate.counterexample is None
+        return proven, -len(self.replay.failures), self.attempt.rehearsal.share
+
+
+class _Trial:
+    """The trial of one method's tree on a stage."""
+
+    def __init__(self, learned: Learned, plan: Plan, stage: Stage) -> None:
+        self.first, self.plan, self.stage = learned, plan, stage
+        self.goals = partial(goals_of, plan.understood.groups, plan.placements)
+
+    def learned(self) -> Learned:
+        """What is published."""
+        best = self._best()
+        users = success_without(self.plan, self.stage) if self.first.plan else {}
+        report = {
+            **self.first.report,
+            "rehearsal": {**best.attempt.rehearsal.to_data(), "repairs": best.attempt.repairs.sentences()},
+            "replay": best.replay.to_data(),
+            "users": [user | {"success_without": users[user["user"]]} for user in self.first.report.get("users", ())],
+        }
+        certificate = best.certificate.to_data()
+        if best.replay.failed:
+            certificate["counterexample"] = certificate["counterexample"] or f"replayed {best.replay.failures[0]}"
+        notes = (*self.first.notes, *_unproven(best.certificate), *_said(best))
+        return replace(self.first, tree=best.attempt.tree, report=report, notes=notes, certificate=certificate)
+
+    def _best(self) -> _Tried:
+        """The last proven attempt; if its replay fails, what that teaches is tried too."""
+        found = attempts(self.first.tree, self._made, self._rehearsed, self._proposed)
+        best = self._last_proven(found)
+        repairs = best.attempt.repairs | self._proposed(best.replay.failures, best.attempt.repairs)
+        if repairs == best.attempt.repairs:
+            return best
+        tree = self._made(repairs)
+        other = self._completed(Attempt(tree, repairs, self._rehearsed(tree)))
+        return max(best, other, key=lambda one: one.better)
+
+    def _last_proven(self, found: Sequence[Attempt]) -> _Tried:
+        for attempt in reversed(found):
+            certificate = _certificate(attempt.tree, self.stage.base)
+            if certificate.counterexample is None or attempt is found[0]:
+                return self._completed(attempt, certificate)
+        raise AssertionError("there is no attempt")
+
+    def _completed(self, attempt: Attempt, certificate: Certificate | None = None) -> _Tried:
+        certificate = certificate or _certificate(attempt.tree, self.stage.base)
+        return _Tried(attempt, certificate, replay(attempt.tree, self.stage, self.goals))
+
+    def _made(self, repairs: Repairs) -> Tree:
+        return self.plan.tree(repairs)
+
+    def _rehearsed(self, tree: Tree) -> Any:
+        return rehearse(tree, self.stage, self.goals(self.stage))
+
+    def _proposed(self, failures: Any, known: Repairs) -> Repairs:
+        return self._lessons.of(failures, known) if self.first.plan else NOTHING
+
+    @cached_property
+    def _lessons(self) -> Lessons:
+        return Lessons(self.plan.placements, self.plan.nearest_m, self.goals(self.stage))
+
+
+def _certificate(tree: Tree, base_frame: str) -> Certificate:
+    return prove(tree, base_frame, np.random.default_rng(0))
+
+
+def _unproven(certificate: Certificate) -> tuple[str, ...]:
+    if certificate.counterexample is None:
+        return ()
+    return (
+        f"the tree is not proven; it may get only the alias latest: from a state with {certificate.counterexample}",
+    )
+
+
+def _said(best: _Tried) -> tuple[str, ...]:
+    """Sentences on what still fails in simulation."""
+    failures, total = best.attempt.rehearsal.failures, len(best.attempt.rehearsal.outcomes)
+    said = [f"rehearsal: {total - len(failures)} of {total} done; {failures[0]}"] if failures else []
+    only = "; the tree may get only the alias latest" if best.replay.failed else ""
+    said += [f"replay: {best.replay.failures[0]}{only}"] if best.replay.failures else []
+    return tuple(said)
