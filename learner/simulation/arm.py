@@ -1,16 +1,23 @@
-"""The Franka Panda of pybullet_data in a physics world: joint motors, fingers, and what it touches."""
+"""The Franka Panda of pybullet_data in a physics world: joint motors, fingers, and what it touches.
+
+Its fingers are made for cubes that stand close together in boxes: slimmer than the maker's, and longer.
+"""
 
 from __future__ import annotations
 
+import re
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pybullet_data
 
 from learner.model.pose import Array, Pose
-from learner.simulation.arm_kinematics import JOINTS, inverse, pointing_down
+from learner.simulation.arm_kinematics import FINGERS_LONGER_M, JOINTS, inverse, pointing_down
 
 ARM_FORCE_N: Final = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
 FINGER_JOINTS: Final = (9, 10)
@@ -19,6 +26,11 @@ FINGER_SPEED_M_PER_S: Final = 0.08
 OPEN_WIDTH_M: Final = 0.08
 TOOL_LINK: Final = 11
 GRIPPER_LINKS: Final = (8, *FINGER_JOINTS)
+FINGER_M: Final = (0.018, 0.008, 0.05 + FINGERS_LONGER_M)
+"""The size of a finger: across, thickness, length."""
+MAKERS_FINGER: Final = re.compile(
+    r'(?:<origin rpy="0 0 3\.14159265359" xyz="0 0 0"/>\s*)?<geometry>\s*<mesh filename="\S*collision/finger\.obj"/>'
+)
 TOUCH_N: Final = 0.5
 """Below this a contact is a brush that physics has not resolved yet."""
 HOME: Final = pointing_down(0.38, 0.0, 0.35, 0.0)
@@ -37,8 +49,10 @@ class Arm:
 
     def __init__(self, bullet: Any) -> None:
         self._bullet = bullet
-        path = f"{pybullet_data.getDataPath()}/franka_panda/panda.urdf"
-        self.body: int = bullet.loadURDF(path, useFixedBase=True)
+        with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:  # PyBullet loads from files alone
+            file.write(_description())
+            file.flush()
+            self.body: int = bullet.loadURDF(file.name, useFixedBase=True)
         # The contract of arm_kinematics: a wrist without a stop.
         bullet.changeDynamics(self.body, JOINTS - 1, jointLowerLimit=-1e3, jointUpperLimit=1e3)
         for finger in FINGER_JOINTS:
@@ -137,3 +151,23 @@ class Arm:
             for contact in contacts
             if contact[2] != self.body and contact[9] > TOUCH_N
         ]
+
+
+@cache
+def _description() -> str:
+    """The URDF of the arm with our fingers."""
+    folder = Path(pybullet_data.getDataPath()) / "franka_panda"
+    text = (folder / "panda.urdf").read_text().replace("package://", f"{folder}/")
+    sides = iter((1, -1))
+    across, thickness, length = FINGER_M
+
+    def ours(found: re.Match[str]) -> str:
+        return (
+            f'<origin xyz="0 {next(sides) * thickness / 2} {length / 2 + 0.004}"/>'
+            f'<geometry><box size="{across} {thickness} {length}"/>'
+        )
+
+    text, count = MAKERS_FINGER.subn(ours, text)
+    text = text.replace('xyz="0 0 0.105"', f'xyz="0 0 {0.105 + FINGERS_LONGER_M}"')
+    assert count == 2  # the file is part of an installed package of a known version
+    return text

@@ -2,8 +2,8 @@
 
 Axes of `tool0`: z along the approach (down, when the hand points down), y along the way of the fingers, x across it.
 At yaw 0 with the hand pointing down its x is the base's x and its quaternion_xyzw is (1, 0, 0, 0). Lengths [m] are
-those of the Panda's data sheet. The wrist (joint 7) turns without a stop, as a continuous wrist does, so that every
-yaw is within reach everywhere.
+those of the Panda's data sheet, but for longer fingers. The wrist (joint 7) turns without a stop, as a continuous
+wrist does, so that every yaw is within reach everywhere.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ UPPER_ARM_M: Final = 0.316
 FOREARM_M: Final = 0.384
 ELBOW_M: Final = 0.0825
 WRIST_M: Final = 0.088
-HAND_M: Final = 0.107 + 0.105
+FINGERS_LONGER_M: Final = 0.02
+"""Than the maker's: so the hand clears the walls of a box of 8 cm when it grasps a cube inside."""
+HAND_M: Final = 0.107 + 0.105 + FINGERS_LONGER_M
 """From the flange's joint to the point between the fingertips."""
 
 JOINTS: Final = 7

@@ -1,8 +1,9 @@
 """The skills of the contract, section 3, as activities that can be stopped between any two physics steps.
 
 Pick and Place go straight up to the height of travel, around to above the target, and straight down to it; after
-closing or opening they retreat straight up. Contact up to SLACK_M before the target counts as arrival: the support
-is where hand noise and camera noise let it be. A skill that ends early leaves the fingers as they are.
+closing or opening they retreat straight up. Contact up to SLACK_M before the target counts as arrival, of what is held
+with anything and of the empty hand with the table: the support is where hand noise and camera noise let it be. The
+fingers stand no wider apart than what they take or leave needs. A skill that ends early leaves them as they are.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from learner.model import Pose
 from learner.model.condition import GripperState
 from learner.simulation.arm_kinematics import inverse
 from learner.simulation.motion import Around, Straight, Travel, travel, wait
-from learner.simulation.world import UnknownObjectError, World
+from learner.simulation.world import TABLE, UnknownObjectError, World
 
 TRAVEL_HEIGHT_M: Final = 0.30
 """Of `tool0`: what is held clears a tower of four."""
@@ -55,6 +56,7 @@ def pick(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
     target = world.frame_in_base(frame) @ tool_in_frame
     if world.gripper_state == "closed":
         return Outcome("failure", "the gripper is closed already")
+    world.make_ready(name)
     reason = yield from approach(world, target, ignored=name)
     if reason is not None:
         return Outcome("failure", reason)
@@ -114,7 +116,8 @@ def approach(world: World, target: Pose, ignored: str | None = None, held: str |
 
     def watch_down(left_m: float) -> str | None:
         reason = watch(left_m)
-        arrived = reason is not None and reason.startswith("contact") and left_m <= SLACK_M
+        support = "contact" if world.held else f"contact with {TABLE}"
+        arrived = reason is not None and reason.startswith(support) and left_m <= SLACK_M
         return ARRIVED if arrived else reason
 
     yield from lift(world, above.position[2])

@@ -29,6 +29,8 @@ GRASP_M: Final = 0.01
 GRASP_RAD: Final = math.radians(15)
 GRIP_FORCE_N: Final = 100.0
 FINGER_PLAY_M: Final = 0.002
+ROOM_M: Final = 0.024
+"""Between the open fingers and what they take or leave, both sides together: a little more than a good grasp needs."""
 COVER_M: Final = 0.01
 """The fingers may close by so much above or below the middle of a cube and still cover its sides."""
 TABLE: Final = "the table"
@@ -284,11 +286,19 @@ class World:
         self.arm.jump_to_width(self.scenario.bodies[name].size_m[1])
         self._attach(name)
 
+    def make_ready(self, name: str) -> None:
+        """Let the open fingers move as far apart as it takes to grasp an object: neighbours have less to fear."""
+        self.arm.set_width(min(self.scenario.bodies[name].size_m[1] + ROOM_M, OPEN_WIDTH_M))
+
     def open_fingers(self) -> None:
-        """Release what is held and let the fingers move apart."""
+        """Release what is held and let the fingers move apart, as far as that needs."""
+        released = self._held
         self._detach()
         self.gripper_state = "open"
-        self.arm.set_width(OPEN_WIDTH_M)
+        if released is None:
+            self.arm.set_width(OPEN_WIDTH_M)
+        else:
+            self.make_ready(released)
 
     def close_fingers(self) -> str | None:
         """Let the fingers close; returns the object that they are about to grasp well, None where there is none."""

@@ -77,7 +77,8 @@ def beside(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | 
     for angle in rng.uniform(-math.pi, math.pi, 20).tolist():
         at = world.spot(other)
         spot = Spot(at.x + BESIDE_M * math.cos(angle), at.y + BESIDE_M * math.sin(angle), 0.0, at.yaw)
-        if _is_free(world, name, spot, 0.005, {other}):
+        in_reach = world.reaches((spot.x, spot.y, spot.z))
+        if in_reach and _is_free(world, name, spot, 0.005, {other}):
             world.lay(name, spot)
             return f"{name} was moved beside {other}"
     return None

@@ -173,7 +173,7 @@ def _drawn(scenario: Scenario, rng: np.random.Generator) -> dict[str, Spot] | No
     beside = {name: rule for name, *rule in scenario.start.near}
     for name, body in sorted(scenario.objects.items(), key=lambda item: -item[1].radius):
         if name not in spots and name not in stacked and name not in beside:
-            spots[name] = _anywhere(body, rng)
+            spots[name] = _anywhere(body, scenario.reaches, rng)
     for name, (of, offset, spread) in beside.items():
         x, y, z = offset
         shift = rng.uniform(-spread, spread, 2)
@@ -188,11 +188,14 @@ def _drawn(scenario: Scenario, rng: np.random.Generator) -> dict[str, Spot] | No
     return spots if _apart(scenario, spots, on_table) else None
 
 
-def _anywhere(body: Body, rng: np.random.Generator) -> Spot:
+def _anywhere(body: Body, reaches: Callable[[float, float], bool], rng: np.random.Generator) -> Spot:
     (x0, x1), (y0, y1) = WORKSPACE_M
     edge = body.radius if body.kind == "open_box" or not body.graspable else 0.03
-    x, y = rng.uniform(x0 + edge, x1 - edge), rng.uniform(y0 + edge, y1 - edge)
-    return Spot(float(x), float(y), body.half_height, float(rng.uniform(-math.pi, math.pi)))
+    while True:
+        x, y = rng.uniform(x0 + edge, x1 - edge), rng.uniform(y0 + edge, y1 - edge)
+        yaw = rng.uniform(-math.pi, math.pi)
+        if reaches(x, y):
+            return Spot(float(x), float(y), body.half_height, float(yaw))
 
 
 def _about(home: Spot, sigma: float, rng: np.random.Generator) -> Spot:

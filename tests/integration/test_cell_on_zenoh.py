@@ -81,7 +81,7 @@ def test_skills_pick_a_cube_and_drop_it_in_the_box_by_the_worlds_truth(session: 
 
     states = [each["state"] for each in seen.gripper]
     assert [state for state, before in zip(states[1:], states, strict=False) if state != before] == ["closed", "open"]
-    assert {each["state"]: round(each["width_m"], 2) for each in seen.gripper} == {"open": 0.08, "closed": 0.05}
+    assert {each["state"]: round(each["width_m"], 2) for each in seen.gripper} == {"open": 0.07, "closed": 0.05}
 
 
 def test_the_state_is_published_before_the_skill_answers(session: zenoh.Session) -> None:

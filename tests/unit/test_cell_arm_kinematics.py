@@ -9,7 +9,7 @@ import pytest
 
 from learner.model import Pose
 from learner.model.pose import angle_between
-from learner.simulation.arm_kinematics import forward, inverse, pointing_down, tilt_rad, yaw_of
+from learner.simulation.arm_kinematics import FINGERS_LONGER_M, forward, inverse, pointing_down, tilt_rad, yaw_of
 from learner.simulation.scenarios import REACH_M
 
 
@@ -34,10 +34,10 @@ def test_the_hand_stands_where_inverse_kinematics_was_asked_to_bring_it(seed: in
 
 
 def test_the_home_of_the_data_sheet_is_where_the_data_sheet_says() -> None:
-    # Franka's documented ready position, flange at (0.307, 0, 0.590) with 0.105 m of hand below it.
+    # Franka's documented ready position, flange at (0.307, 0, 0.590) with the hand and our fingers below it.
     ready = forward(np.array([0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4]))
 
-    assert ready.position == pytest.approx((0.307, 0.0, 0.590 - 0.105), abs=1e-3)
+    assert ready.position == pytest.approx((0.307, 0.0, 0.590 - 0.105 - FINGERS_LONGER_M), abs=1e-3)
     assert tilt_rad(ready) == pytest.approx(0.0, abs=1e-6)
     assert yaw_of(ready) == pytest.approx(0.0, abs=1e-6)
 
