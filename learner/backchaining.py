@@ -16,7 +16,9 @@ Where the paper is silent, this planner does what the authors' published code do
 - Conflicts are looked for in every Sequence, as in Colledanchise 2019, and two children change places only once. The
   published code looks at the topmost alone, and stops planning where changing places has no end.
 - No action is prepared within its own preparation; the published code nests without bound.
-- The published code's random starts and disturbances are left out: the paper does not speak of them.
+- The published code's random starts and disturbances are left out: the paper does not speak of them. Starts were found
+  to change nothing; disturbances make every alternative fail at once, and with the contexts that have passed expanded
+  no tree for the tower of Hanoi works.
 - Nothing is refused: a tree that does not reach its goal in the simulator is returned as it is after the last run.
 """
 

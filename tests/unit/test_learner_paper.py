@@ -12,7 +12,9 @@ from support_pose_world import PoseWorld, done
 from learner.learned import Learned
 from learner.learning import METHODS, learn
 from learner.model import Demonstration
-from learner.parameters import Parameters
+from learner.paper import identify
+from learner.parameters import PaperParameters, Parameters
+from learner.samples import samples_of
 
 A_DOWN, B_DOWN = Put("A", "base", (0.35, -0.3, 0.025)), Put("B", "base", (0.35, 0.3, 0.025))
 TWICE = [A_DOWN, B_DOWN, Put("A", "board", (-0.12, 0.0, 0.035)), Put("B", "A", ON_TOP)]
@@ -52,6 +54,19 @@ def test_what_is_placed_twice_is_placed_twice(seed: int) -> None:
     world = PoseWorld(scattered(["A", "B", "board"], np.random.default_rng([seed, 8]), 0.3), solid="AB")
     assert done(found.tree, world), world.faults
     assert world.log == ["Pick A", "Place A", "Pick B", "Place B"] * 2
+
+
+@pytest.mark.parametrize("count", [3, 5, 10])
+def test_one_placement_in_two_contexts_is_two_actions(count: int) -> None:
+    """The paper's Fig. 2: right of the circle, with the circle left of the square, and again with it right of it."""
+    left, right = Put("C", "S", (0.0, 0.12, 0.0)), Put("C", "S", (0.0, -0.12, 0.0))
+    beside = Put("T", "C", (0.12, 0.0, 0.0))
+    samples = samples_of(shown([left, beside, right, beside], "T C S", count))
+    identities, _ = identify(samples, count, PaperParameters())
+    placed = [identity for identity, sample in zip(identities, samples, strict=True) if sample.action.rest is not None]
+    contexts = [placed[number] for number in range(len(placed)) if placed[number][:2] == ("place", "T")]
+    assert len(set(contexts)) == 2
+    assert contexts == contexts[:2] * count
 
 
 def test_conditions_that_conflict_make_a_tree_with_a_note_and_no_refusal() -> None:
