@@ -10,7 +10,8 @@ from typing import Any
 from learner.learning import METHODS
 
 from . import report
-from .cells import NOMINAL, results, size_cells, success_cells, user_cells
+from .cells import NOMINAL, kept, results, size_cells, success_cells, user_cells
+from .physical import RUNS, SETS, compute_physical, failures, physical_cells, physical_table
 from .proofs import proofs_table
 from .scenarios import SCENARIOS
 from .unwritten import unwritten_cells, unwritten_table
@@ -24,7 +25,8 @@ def main() -> None:
     """Compute what is missing, print the tables, and write them with pictures where asked."""
     arguments = _arguments()
     success, users, size = _computed(arguments)
-    tables = {**_tables(success, users, size), **_unwritten(arguments), "The proof": proofs_table(arguments.only)}
+    tables = _tables(success, users, size) | _unwritten(arguments) | _physical(arguments)
+    tables |= {"The proof": proofs_table(arguments.only)}
     text = "\n\n".join(f"## {title}\n\n{body}" for title, body in tables.items()) + "\n"
     print(text)
     if arguments.write:
@@ -63,6 +65,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--only", nargs="+", metavar="TASK", default=list(SCENARIOS), help="these tasks")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), help="these methods")
     parser.add_argument("--counts", nargs="+", type=int, metavar="N", default=[3, 10], help="demonstrations a set")
+    parser.add_argument("--no-physical", action="store_true", help="leave out the runs in PyBullet with the arm")
     parser.add_argument("--folder", type=Path, default=Path("build/experiments"), help="where results are kept")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument(
@@ -108,6 +111,15 @@ def _unwritten(arguments: argparse.Namespace) -> dict[str, str]:
         "Tasks that nobody wrote": unwritten_table(found),
         "Tasks that nobody wrote: how sure, and how right": report.calibration_table(found),
     }
+
+
+def _physical(arguments: argparse.Namespace) -> dict[str, str]:
+    """The table of the runs in PyBullet, and the runs that failed there."""
+    if arguments.no_physical:
+        return {}
+    cells = physical_cells(arguments.only, *((1, 1) if arguments.quick else (SETS, RUNS)))
+    found = kept(compute_physical, cells, arguments.folder, arguments.jobs)
+    return {"In PyBullet, with the arm": f"{physical_table(found)}\n\nRuns that failed:\n\n{failures(found)}"}
 
 
 if __name__ == "__main__":

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeVar
 
 from learner.errors import LearnerError
 from learner.learning import METHODS
@@ -148,19 +148,35 @@ def _runs(cell: Cell, scenario: Scenario, root: Node) -> Iterator[Result]:
         yield run(root, scenario, seed, DISTURBANCES.get(name), when, markers=markers)
 
 
+class Keyed(Protocol):
+    """What has a name of its own, under which its result is kept."""
+
+    @property
+    def key(self) -> str: ...
+
+
+C = TypeVar("C", bound=Keyed)
+Work = Callable[[C], dict[str, Any]]
+
+
 def results(cells: Sequence[Cell], folder: Path, jobs: int, progress: bool = True) -> list[dict[str, Any]]:
     """The results of cells, computed where they are not in the folder yet, `jobs` at a time."""
+    return kept(compute, cells, folder, jobs, progress)
+
+
+def kept(work: Work[C], cells: Sequence[C], folder: Path, jobs: int, progress: bool = True) -> list[dict[str, Any]]:
+    """As `results`, for cells of any kind and the `work` that computes one."""
     folder.mkdir(parents=True, exist_ok=True)
     missing = [cell for cell in cells if not _path(folder, cell).exists()]
     with ProcessPoolExecutor(jobs) as pool:
-        for count, (cell, result) in enumerate(zip(missing, pool.map(compute, missing), strict=True), start=1):
+        for count, (cell, result) in enumerate(zip(missing, pool.map(work, missing), strict=True), start=1):
             _write(_path(folder, cell), result)
             if progress:
                 print(f"{count}/{len(missing)} {cell.key}", flush=True)
     return [json.loads(_path(folder, cell).read_text()) for cell in cells]
 
 
-def _path(folder: Path, cell: Cell) -> Path:
+def _path(folder: Path, cell: Keyed) -> Path:
     return folder / f"{cell.key}.json"
 
 
