@@ -9,6 +9,7 @@ Many states are looked at together: arrays have a row an object and a column a s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -139,12 +140,22 @@ class AbstractWorld:
         exact = {(n.port("frame"), n.port("position")) for n in spoken if n.kind == "ObjectAt"}
         spots = sorted({(str(n.port("frame")), vector(n.port("position"))) for n in spoken})
         for frame, position in spots:
-            placed = any(f == frame and np.linalg.norm(np.subtract(p, position)) < RESTS_M for f, p in targets)
-            lowest = not any(f == frame and _below(p, position) for f, p in spots)
+            axes = 3 if (frame, position) in exact else 2
+            placed = any(f == frame and math.dist(p[:axes], position[:axes]) < RESTS_M for f, p in targets)
+            lowest = not any(f == frame and self._is_below(frame, p, position) for f, p in spots)
             known = any(p.frame == frame and _near(p.position, position) for p in found)
             if (placed or lowest) and not known:
                 found.append(Place(frame, position, (frame, position) in exact))
         return found
+
+    def _is_below(self, frame: str, a: Vector, b: Vector) -> bool:
+        """Whether a stands under b in a pile: on one vertical of the base; in an object's frame, which may lie on any
+        side, nearer to the origin in the same direction.
+        """
+        if frame == self.base_frame:
+            return math.dist(a[:2], b[:2]) < OVERLAP_M and a[2] < b[2] - SAME_M
+        reach_a, reach_b = math.hypot(*a), math.hypot(*b)
+        return SAME_M < reach_a < reach_b - SAME_M and float(np.dot(a, b)) > 0.9 * reach_a * reach_b
 
     def _is_spot(self, node: Node, dropped: Sequence[Vector]) -> bool:
         """Whether a condition asks for a free spot on the table: a rough one in the base that no drop leads to."""
@@ -254,15 +265,29 @@ class AbstractWorld:
         fits = np.ones(len(states), dtype=bool)
         for a, name in enumerate(self.objects):
             for number, place in enumerate(self.places[name], start=FIRST_PLACE):
-                if place.frame not in self.grasps:
+                if place.frame not in (*self.grasps, self.base_frame):
                     continue
-                high, beside = place.position[2] > UPON_M[1], _is_beside(place)
+                high, beside = self._height_m(place) > UPON_M[1], self._is_beside(place)
                 needs = (states.locations[a] == number) & (high | (beside & self._is_raised(place.frame, layout)))
                 if needs.any():
                     there = layout.take(needs)
                     reach_m = SUPPORT_M if beside else OVERLAP_M
                     fits[needs] = self._is_carried(there.offsets[:3, a], there.roots[a], there, reach_m)
         return fits
+
+    def _height_m(self, place: Place) -> float:
+        """How far a place is above the object of its frame [m]; in the base, above the lowest exact place there."""
+        if place.frame != self.base_frame:
+            return place.position[2]
+        heights = [
+            p.position[2] for places in self.places.values() for p in places if p.frame == place.frame and p.exact
+        ]
+        return place.position[2] - min(heights) if place.exact else 0.0
+
+    def _is_beside(self, place: Place) -> bool:
+        """Whether what lies at a place stands on what the object of its frame stands on, and must."""
+        x, y, z = place.position
+        return place.frame in self.grasps and place.exact and abs(z) < UPON_M[0] and math.hypot(x, y) > OVERLAP_M
 
     def _is_raised(self, frame: str, layout: Layout) -> Bools:
         return np.asarray(layout.offsets[RAISED, self.index[frame]] > 0)
@@ -374,7 +399,7 @@ class AbstractWorld:
         """In which states what is let go has nothing beneath it: it is beside an object that lies upon another."""
         name = str(node.port("object"))
         place = self.places[name][reached - FIRST_PLACE] if reached != AWAY else None
-        if place is None or not _is_beside(place) or place.frame not in self.grasps:
+        if place is None or not self._is_beside(place):
             return np.zeros(layout.roots.shape[1], dtype=bool)
         root, spot = self._spot(node, place.position, layout)
         return self._is_raised(place.frame, layout) & ~self._is_carried(spot, root, layout, SUPPORT_M)
@@ -383,12 +408,6 @@ class AbstractWorld:
 def _drawn(states: States, count: int, rng: np.random.Generator) -> States:
     """So many of the states, in their order."""
     return states.take(np.sort(rng.permutation(len(states))[:count]))
-
-
-def _is_beside(place: Place) -> bool:
-    """Whether what lies at a place stands on what the object of its frame stands on, and must."""
-    x, y, z = place.position
-    return place.exact and abs(z) < UPON_M[0] and np.hypot(x, y) > OVERLAP_M
 
 
 def _pose(node: Node) -> Pose:
@@ -402,10 +421,4 @@ def vector(value: Any) -> Vector:
 
 
 def _near(a: Sequence[float], b: Sequence[float]) -> bool:
-    return float(np.linalg.norm(np.subtract(a, b))) < SAME_M
-
-
-def _below(a: Sequence[float], b: Sequence[float]) -> bool:
-    """Whether a stands under b in a pile: nearer to the origin, in the same direction."""
-    reach_a, reach_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
-    return SAME_M < reach_a < reach_b - SAME_M and float(np.dot(a, b)) > 0.9 * reach_a * reach_b
+    return math.dist(a, b) < SAME_M
