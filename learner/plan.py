@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 from learner.executables import Executables
 from learner.groups import Group, Step
 from learner.learned import main_id
-from learner.model import Drop, Place, Tree
+from learner.model import Drop, Node, Place, Tree
 from learner.parameters import Parameters
 from learner.recovery import Recovery
 from learner.repairs import NOTHING, Repairs
@@ -39,6 +40,11 @@ class Plan:
         recovery = Recovery(understood.demonstrations, actions, understood.targets, widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
 
+    def nominal_tree(self) -> Tree:
+        """The tree without the SubTrees that only recover; much faster made than those are."""
+        groups, actions = self.understood.groups, self._actions()
+        return tree_of(main_id(self.understood.demonstrations), groups, actions, _NoRecovery())
+
     @cached_property
     def placements(self) -> Mapping[Target, Place | Drop]:
         """How each target is reached, as it was demonstrated."""
@@ -52,6 +58,21 @@ class Plan:
     def _actions(self) -> Executables:
         understood = self.understood
         return Executables(understood.demonstrations, understood.moves, understood.targets, self.parameters)
+
+
+class _NoRecovery(Recovery):
+    """Makes room for nothing."""
+
+    def __init__(self) -> None:
+        self._definitions = {}
+
+    def before(self, *_: Any, **__: Any) -> Sequence[Node]:
+        """Nothing."""
+        return ()
+
+    def standing(self, *_: Any, **__: Any) -> Sequence[Node]:
+        """Nothing."""
+        return ()
 
 
 def in_order(group: Group, repairs: Repairs) -> tuple[Step, ...]:

@@ -30,7 +30,9 @@ GRID_M: Final = 0.05
 SHIFTS: Final = 30
 """Shifts are tried on a grid of GRID_M, so many steps to each side."""
 ROOM_M: Final = 0.25
-"""Nothing stands nearer to the arm's base."""
+"""Nothing stands nearer to the arm's base ..."""
+BEHIND_M: Final = -0.2
+"""... nor further behind it, where the table ends soon."""
 HAND_M: Final = 0.12
 """From the middle of an object to what stands beside it [m], so that the simulated hand fits at any yaw."""
 
@@ -132,6 +134,7 @@ def _within_reach(stage: Stage, start: Start, goals: Goals) -> Stage | None:
     others = np.array([(spot.x, spot.y) for spot in start.spots.values()]) + shifts[:, None]
     radii = np.array([stage.bodies[name].radius for name in start.spots])
     fits &= (np.hypot(others[..., 0], others[..., 1]) > ROOM_M + radii).all(axis=1)
+    fits &= (others[..., 0] > BEHIND_M + radii).all(axis=1)
     if not fits.any():
         return None
     x, y = min(shifts[fits].tolist(), key=lambda shift: (shift[0] ** 2 + shift[1] ** 2, shift))

@@ -35,7 +35,8 @@ STROKE_M: Final = 0.08
 PLACED_M: Final = 0.025
 """The stage does as was shown if what is let go comes to rest this near to where it did ..."""
 DROPPED_M: Final = 0.08
-"""... and what is dropped this near."""
+"""... and what is dropped, or falls further than FELL_M, this near."""
+FELL_M: Final = 0.03
 ABSENT_M: Final = 5.0
 """Objects that a demonstration never saw stand this far away."""
 LEAST_TURN: Final = 0.5
@@ -309,10 +310,10 @@ class Stage:
         met = world.met_by_held() if not self.points and action.type == "place" else None
         if met:
             return f"where {name} was let go it would meet {met}"
-        world.table.drop(name, world.table.spots[name])
+        fall_m = world.table.drop(name, world.table.spots[name])
         rest, shown = world.table.spots[name], self.spot(name, action.rest[self.base])
         away = math.dist((rest.x, rest.y), (shown.x, shown.y))
-        near_m = DROPPED_M if action.type == "drop" else PLACED_M
+        near_m = DROPPED_M if action.type == "drop" or fall_m > FELL_M else PLACED_M
         return f"{name} would not stay where it came to rest" if self._off(away, rest, shown, near_m) else None
 
     def _off(self, away_m: float, rest: Spot, shown: Spot, near_m: float) -> bool:

@@ -80,7 +80,7 @@ def _success(user: str, others: Understanding | None, plan: Plan, stage: Stage) 
     known = [n for n in mine if ids[n] in starts]
     if others is None or not known:
         return None
-    actor = Actor(stage.root(Plan(others, plan.parameters, {}).tree().flattened(recovery=False)))
+    actor = Actor(stage.root(Plan(others, plan.parameters, {}).nominal_tree().flattened()))
     ends = _ends(user, plan, stage)
     done = [perform(Rollout(ids[n], starts[ids[n]].spots), actor, stage, [ends[n]], n).done for n in known if n in ends]
     return f"{sum(done)} of {len(known)}"
