@@ -78,7 +78,7 @@ def in_reach(name: str) -> Scenario:
 def compute_physical(cell: PhysicalCell) -> dict[str, Any]:
     """Learn, and run what can happen."""
     scenario = in_reach(cell.scenario)
-    root = _learned(scenario, cell.number)
+    root = learned_root(scenario, cell.number)
     runs = [
         {"kind": kind, "run": number, **run_once(root, scenario, cell.number, kind, number)}
         for kind in KINDS
@@ -87,7 +87,8 @@ def compute_physical(cell: PhysicalCell) -> dict[str, Any]:
     return {**asdict(cell), "runs": [run for run in runs if run["happened"]]}
 
 
-def _learned(scenario: Scenario, number: int) -> Node:
+def learned_root(scenario: Scenario, number: int) -> Node:
+    """The flattened tree of our method from the set of that number."""
     demonstrations = demonstrated(scenario, scenario.least, FIRST_SET + number)
     return METHODS["treewright"](demonstrations, Parameters()).tree.flattened()
 
@@ -143,7 +144,7 @@ def _lines(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 def _show(name: str, kind: str, cell: int, number: int) -> dict[str, Any]:
     scenario = in_reach(name)
-    return run_once(_learned(scenario, cell), scenario, cell, kind, number)
+    return run_once(learned_root(scenario, cell), scenario, cell, kind, number)
 
 
 if __name__ == "__main__":
