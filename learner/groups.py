@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from learner.constraints import orders
 from learner.model import Demonstration, Pose
+from learner.parameters import Parameters
 from learner.targets import Target
 
 Chain = Sequence[Target]
@@ -128,12 +129,14 @@ def groups_of(
     demonstrations: Sequence[Demonstration],
     chains: Mapping[int, Chain],
     held: Mapping[int, str],
-    radius_m: float,
-) -> list[Group]:  # fmt: skip
+    parameters: Parameters,
+) -> list[Group]:
     """The groups, the one with most demonstrations first.
 
-    A demonstration whose goal is part of another's left the rest as it found it and joins the larger goal.
+    A demonstration whose goal is part of another's left the rest as it found it and joins the larger goal. Where some
+    goals are shared by enough demonstrations and users, the others are left out: to stop early is not to be done.
     """
+    radius_m = 2 * parameters.least_radius_m
     finals = {number: final_targets(chain) for number, chain in chains.items()}
     everything = sorted({t for final in finals.values() for t in final.values()}, key=lambda t: (t.object, t.members))
     goals = {
@@ -145,7 +148,25 @@ def groups_of(
     for goal in distinct:
         members = tuple(sorted(number for number, other in goals.items() if other <= goal))
         found.append(_group(goal, members, chains, held, demonstrations, goals))
-    return sorted(found, key=lambda group: (-len(group.demonstrations), group.demonstrations))
+    return _shared(sorted(found, key=lambda g: (-len(g.demonstrations), g.demonstrations)), demonstrations, parameters)
+
+
+def _shared(groups: list[Group], demonstrations: Sequence[Demonstration], parameters: Parameters) -> list[Group]:
+    """The groups that enough demonstrations and users share, with a note on the others; all where none is."""
+    everyone = len({demonstration.user for demonstration in demonstrations})
+
+    def enough(group: Group) -> bool:
+        users = {demonstrations[number].user for number in group.demonstrations}
+        many = len(group.demonstrations) >= parameters.samples_for(len(demonstrations))
+        return many and len(users) >= parameters.users_for(everyone)
+
+    kept = [group for group in groups if enough(group)]
+    if not kept:
+        return groups
+    inside = {number for group in kept for number in group.demonstrations}
+    ended = {demonstrations[n].demonstration_id for g in groups for n in g.demonstrations if n not in inside}
+    notes = tuple(f"demonstration {name} ends as no others do; its goal is left out" for name in sorted(ended))
+    return [replace(kept[0], notes=(*kept[0].notes, *notes)), *kept[1:]]
 
 
 def _group(

@@ -39,8 +39,9 @@ def moves_of(number: int, demonstration: Demonstration, parameters: Parameters) 
     kept: list[Move] = []
     notes: list[str] = []
     for pair in _pairs(number, demonstration):
-        move = replace(pair, put_back=_displacement_m(demonstration, pair) < parameters.put_back_m)
-        if move.put_back and any(earlier.object == move.object for earlier in kept):
+        moved_m = _displacement_m(demonstration, pair)
+        move = replace(pair, put_back=moved_m < parameters.put_back_m)
+        if moved_m < parameters.left_alone_m and any(earlier.object == move.object for earlier in kept):
             notes.append(f"{_where(demonstration, move)}: {move.object} was put back; not part of the task")
             continue
         if kept and kept[-1].object == move.object and kept[-1].release is not None:

@@ -61,12 +61,16 @@ class Parameters:
     """Within this an object may be what the placed one rests on or in."""
     contact_odds: float = 3.0
     """By so much a frame in contact is likelier beforehand than the base; the base than a frame further away."""
+    upon_odds: float = 10.0
+    """By so much the object that something rests upon is likelier: without it the place would be in the air."""
     sure: float = 0.95
     """Below this posterior probability of a frame the learner asks for a demonstration."""
     transient: float = 0.05
     """If all frames in which an object stays have less than this probability together, its placement does not last."""
     put_back_m: float = PLACE_RADIUS_M
     """An object put down this near to where it was picked up has not been moved: a mistake put back."""
+    left_alone_m: float = 0.02
+    """What the task had moved before and is put down this near again was put back; further away, others may tell."""
     drop_height_m: float = 0.03
     """Released from higher above its rest, an object was dropped; from lower, and landing tightly, placed."""
     least_drop_m: float = 0.01

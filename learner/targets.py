@@ -97,8 +97,9 @@ class TargetFinder:
         left, found = set(numbers), []
         for eps_m in self._neighbourhoods(numbers):
             while cluster := self._best(sorted(left), eps_m):
-                found += self._contexts(cluster)
-                left -= set(cluster.members)
+                targets = self._contexts(self._with_strays(cluster, sorted(left), eps_m))
+                found += targets
+                left -= {*cluster.members, *(number for target in targets for number in target.members)}
         found = found or self._pairs(numbers)
         return sorted(found, key=lambda target: (self._when(target.members), target.members))
 
@@ -114,7 +115,7 @@ class TargetFinder:
         lenient.min_samples, lenient.min_users = 2, 1
         left, found = set(numbers), []
         while cluster := lenient._best(sorted(left), self.parameters.eps_pair_m):
-            found += lenient._contexts(cluster)
+            found += lenient._contexts(lenient._with_strays(cluster, sorted(left), self.parameters.eps_pair_m))
             left -= set(cluster.members)
         return found
 
@@ -148,7 +149,7 @@ class TargetFinder:
                 members = tuple(numbers[index] for index in cluster.members)
                 if self._quorum(members) and (best is None or cluster.score > best.score):
                     best = Cluster(frame, members, cluster.mean, cluster.radius, cluster.score)
-        return self._with_strays(best, numbers, eps_m) if best else None
+        return best
 
     def _with_strays(self, cluster: Cluster, numbers: Sequence[int], eps_m: float) -> Cluster:
         """The cluster with the samples near it that lie in no cluster of their own."""
@@ -214,22 +215,33 @@ class TargetFinder:
         samples = [self._sample(number) for number in members]
         p, logs, odds = self.parameters, {}, {}
         sigma_m = p.drop_sigma_m if self._dropped(members) else p.place_sigma_m
+        upon = self._upon(samples)
         frames = [frame for frame in candidate_frames(samples) if all(frame in s.frames for s in samples)]
         for frame in frames:
             points = positions_in(frame, samples, range(len(samples)), self._what(members))[1]
             logs[frame] = log_density(points, sigma_m, p.sigma_shape)
-            odds[frame] = self._odds(frame, samples)
+            odds[frame] = self._odds(frame, samples, upon[0] if upon else None)
         shares = posterior(logs, odds)
         lasting = {frame: share for frame, share in shares.items() if self._lasts(frame, members)}
         total = sum(lasting.values())
         return {frame: share / total for frame, share in lasting.items()} if total > p.transient else {}
 
-    def _odds(self, frame: str, samples: Sequence[Sample]) -> float:
+    def _odds(self, frame: str, samples: Sequence[Sample], carrier: str | None) -> float:
         if frame == samples[0].base_frame:
             return 1.0
-        away = self._away(frame, samples)
+        if frame == carrier:
+            return self.parameters.upon_odds
+        gap_m = self._gap_m(frame, samples)
         odds = self.parameters.contact_odds
-        return odds * (1.1 - away) if away < self.parameters.contact_m else 1 / odds
+        return odds * (1.1 - gap_m) if gap_m < self.parameters.contact_m else 1 / odds
+
+    def _gap_m(self, frame: str, samples: Sequence[Sample]) -> float:
+        """How far the object's origin rests from the other one: from its surface where its size is known."""
+        scene = self.demonstrations[samples[0].demonstration].scene
+        shape = scene.objects.get(frame) if scene else None
+        half = np.array(shape.size_m) / 2 if shape else np.zeros(3)
+        rests = np.abs([sample.rest(frame).position for sample in samples])
+        return float(np.median(np.linalg.norm(np.maximum(rests - half, 0.0), axis=1)))
 
     def _away(self, frame: str, samples: Sequence[Sample]) -> float:
         return float(np.median([np.linalg.norm(sample.rest(frame).position) for sample in samples]))

@@ -54,7 +54,7 @@ def understand(demonstrations: Sequence[Demonstration], parameters: Parameters) 
         chains = _chains(len(demonstrations), moves, targets)
     held = {move.demonstration: move.object for move in moves if move.release is None}
     pursued = {number: chain for number, chain in chains.items() if chain or number in held}
-    groups = groups_of(demonstrations, pursued, held, parameters.least_radius_m * 2)
+    groups = groups_of(demonstrations, pursued, held, parameters)
     inside = {number for target in targets for number in target.members}
     strange = tuple(n for n, move in enumerate(moves) if move.release is not None and n not in inside)
     return Understanding(

@@ -72,3 +72,39 @@ def test_what_was_moved_on_fixes_nothing_any_more() -> None:
     assert target.certainty < 0.95
     (question,) = (q for q in learn(shown).report["questions"] if q["action"] == "place A")
     assert {question["frame"], question["rival"]} == {"box", BASE}
+
+
+ASIDE: Script = [
+    Put("A", "box", (0.0, 0.14, 0.0)),
+    Put("B", "box", (0.14, 0.0, 0.0)),
+    Put("A", BASE, (0.4, 0.1, TABLE_M)),
+]
+
+
+def test_to_stop_early_once_is_not_another_goal() -> None:
+    rng = np.random.default_rng(6)
+    starts = [scattered(["A", "B", "box"], rng, apart_m=0.25) for _ in range(5)]
+    shown = [scripted(start, ASIDE[: 3 - (n == 3)], f"d{n}", rng=rng) for n, start in enumerate(starts)]
+    learned = learn(shown)
+    (group,) = learned.report["groups"]
+    assert sorted(group["goal"]) == [f"A at {BASE}", "B at box"]
+    assert any("d3 ends as no others do" in note for note in learned.notes)
+
+
+def test_goals_of_which_none_is_shared_by_enough_are_all_kept() -> None:
+    rng = np.random.default_rng(6)
+    starts = [scattered(["A", "B", "box"], rng, apart_m=0.25) for _ in range(2)]
+    shown = [scripted(start, [ASIDE[n]], f"d{n}", rng=rng) for n, start in enumerate(starts)]
+    assert len(understand(shown, Parameters()).groups) == 2
+
+
+def test_a_last_move_that_happens_to_be_short_is_part_of_the_task() -> None:
+    rng, shown = np.random.default_rng(8), []
+    for number in range(4):
+        start = scattered(["A", "B", "box"], rng, apart_m=0.25)
+        if number == 1:
+            start["box"] = at(0.4, -0.01)
+        shown.append(scripted(start, ASIDE, f"d{number}", rng=rng))
+    understood = understand(shown, Parameters())
+    assert {(t.frame, len(t.members)) for t in understood.targets if t.object == "A"} == {("box", 4), (BASE, 4)}
+    assert len(understood.groups) == 1
