@@ -2,7 +2,8 @@
 
 One to seven objects to move, of several shapes; boxes and boards, and things that never take part; one to eight steps:
 onto the table, beside, upon, into a slot, dropped into a box; objects moved twice, orders free or fixed, references
-fixed or anywhere, sometimes two acceptable goals; names of every kind that the contract allows. What cannot be done
+fixed or anywhere, now and then a tower or a full box at the start, or two acceptable goals; names of every kind that
+the contract allows. What cannot be done
 from random starts is drawn again, so that every task can be demonstrated and every start is worth it.
 """
 
@@ -12,12 +13,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Final
 
 import numpy as np
 
 from learner.model import ObjectShape
+from learner.model.pose import Vector
 from learner.simulation.gravity import WALL_M, Body, Spot
 from learner.simulation.kinematics import WORKSPACE_M
 
@@ -37,6 +39,9 @@ SLOT_GAP_M: Final = 0.02
 SIDES_M: Final = (0.04, 0.045, 0.05, 0.05, 0.05, 0.06)
 FLAT_M: Final = ((0.1, 0.05, 0.03), (0.08, 0.06, 0.04), (0.12, 0.04, 0.03))
 ROUND_M: Final = ((0.05, 0.05, 0.07), (0.04, 0.04, 0.05), (0.06, 0.06, 0.04))
+SLOTS_APART_M: Final = 0.1
+"""What stands in one box at the start, of origins [m]."""
+
 NAMES: Final = (
     "A", "B", "C", "cube-1", "cube.1", "cube_1", "bolt-M8.long", "0815", "gear.left", "gear-left", "R2-D2", "x", "Y",
     "red.cube-big", "7up", "part_3", "Sequence", "Pick", "base-2", "tool", "z9", "lid",
@@ -83,16 +88,23 @@ def _can_be_shown(scenario: Scenario, rng: np.random.Generator) -> bool:
 
 @dataclass
 class _Draft:
-    """A task on its way. `at` is where each moved object stands now, as the step that put it there."""
+    """A task on its way. `at` is where each moved object stands now, as the step that put it there; `stack` and `full`
+    what stands upon or in something at the start, from below, and `waiting` what of it has not been moved yet.
+    """
 
     rng: np.random.Generator
     objects: dict[str, Body] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     at: dict[str, Step] = field(default_factory=dict)
+    stack: tuple[str, ...] = ()
+    full: dict[str, tuple[str, Vector]] = field(default_factory=dict)
+    waiting: dict[str, str] = field(default_factory=dict)
 
     def scenario(self, name: str) -> Scenario | None:
         """A whole task; None if it came to nothing."""
         self._furnish()
+        self._pile()
+        self._fill()
         steps = int(self.rng.integers(1, MOST_STEPS + 1))
         for _ in range(3 * steps):
             if len(self.steps) < steps:
@@ -130,14 +142,46 @@ class _Draft:
             return Body(ObjectShape((x, y, height), "box" if self.rng.random() < 0.7 else "none"), "open_box")
         return Body(ObjectShape((x, min(y, 0.24), 0.02), "none"))
 
+    def _pile(self) -> None:
+        """Now and then two or three things stand upon each other at the start."""
+        names = sorted(self._movables(), key=lambda name: -self.objects[name].radius)[: int(self.rng.integers(2, 4))]
+        if self.rng.random() < 0.15 and all(self._bears(*pair) for pair in pairwise(names)):
+            self.stack = tuple(names)
+            self.waiting |= {upper: lower for lower, upper in pairwise(names)}
+
+    def _fill(self) -> None:
+        """Now and then some things stand in a box or on a board at the start."""
+        frame = self._one_of([name for name, body in self.objects.items() if not body.graspable])
+        if frame is None or self.rng.random() > 0.15:
+            return
+        for name in self._movables()[:3]:
+            spot = None if name in self.stack else self._slot(name, frame)
+            if spot is not None and not any(math.dist(spot, at[:2]) < SLOTS_APART_M for _, at in self.full.values()):
+                self.full[name] = frame, (*spot, round(self._floor(frame) + self.objects[name].half_height, 4))
+                self.waiting[name] = frame
+
+    def _floor(self, frame: str) -> float:
+        """The height of what carries things in a box or on a board, in its frame [m]."""
+        place = self.objects[frame]
+        return WALL_M - place.half_height if place.kind == "open_box" else place.half_height
+
+    def _bears(self, lower: str, upper: str) -> bool:
+        lower_m, upper_m = self.objects[lower].shape.size_m, self.objects[upper].shape.size_m
+        return min(lower_m[:2]) >= 0.6 * max(upper_m[:2])
+
     def _start(self) -> Start:
         """Now and then a reference that nobody moves stands always at the same spot."""
-        references = sorted({s.frame for s in self.steps} - {s.object for s in self.steps} - {BASE})
+        stacks = (self.stack,) if self.stack else ()
+        near = tuple((name, of, at, 0.0) for name, (of, at) in self.full.items())
+        references = sorted(
+            {s.frame for s in self.steps} - {s.object for s in self.steps} - {BASE, *self.stack, *self.full}
+        )
         if not references or self.rng.random() > 0.15:
-            return Start()
+            return Start(stacks, near)
         name = str(self.rng.choice(references))
         x, y = self._table_spot(self.objects[name].radius)
-        return Start(fixed={name: Spot(x, y, self.objects[name].half_height, float(self.rng.uniform(-1.5, 1.5)))})
+        spot = Spot(x, y, self.objects[name].half_height, float(self.rng.uniform(-1.5, 1.5)))
+        return Start(stacks, near, {name: spot})
 
     # -- steps ---------------------------------------------------------------------------------------------------
 
@@ -154,6 +198,7 @@ class _Draft:
         if step is not None and not again:
             self.steps.append(step)
             self.at[name] = step
+            self.waiting.pop(name, None)
 
     def _movables(self) -> list[str]:
         return [name for name, body in self.objects.items() if body.graspable]
@@ -163,6 +208,7 @@ class _Draft:
         dropped = name in self.at and self.at[name].verb == "drop"
         leaning = any(step.frame == name for step in self.at.values())
         upon = any(step.frame == name and step.at[:2] == (0.0, 0.0) for step in self.at.values())
+        upon = upon or name in self.waiting.values()
         return not dropped and not upon and (not leaning or self.rng.random() < 0.1)
 
     def _yaw(self) -> float:
@@ -199,19 +245,19 @@ class _Draft:
     def _on_table(self, name: str) -> bool:
         """Whether it stands there by the steps so far, at its start or beside something that does."""
         if name not in self.at:
-            return True
+            return name not in self.waiting
         step = self.at[name]
         return step.frame == BASE or (step.at[:2] != (0.0, 0.0) and self.objects[step.frame].graspable)
 
     def _upon(self, name: str) -> Step | None:
         """Upon a movable thing that bears it and on which nothing stands."""
         body = self.objects[name]
-        busy = {step.frame for step in self.at.values() if step.at[:2] == (0.0, 0.0)}
+        busy = {step.frame for step in self.at.values() if step.at[:2] == (0.0, 0.0)} | set(self.waiting.values())
         dropped = {step.object for step in self.at.values() if step.verb == "drop"}
         bearing = [
             other for other in self._movables()
             if other not in (name, *busy, *dropped) and self._level(other) < 4
-            and min(self.objects[other].shape.size_m[:2]) >= 0.6 * max(body.shape.size_m[:2])
+            and self._bears(other, name)
         ]  # fmt: skip
         placed = [other for other in bearing if other in self.at]
         frame = self._one_of(placed if placed and self.rng.random() < 0.7 else bearing)
@@ -235,12 +281,10 @@ class _Draft:
         spot = self._slot(name, frame)
         if spot is None:
             return None
-        if place.kind == "block":
-            return Step("place", name, frame, (*spot, round(place.half_height + body.half_height, 4)), self._yaw())
-        lowest = WALL_M + body.half_height - place.half_height
-        if lowest > place.half_height - 0.01:
+        lowest = self._floor(frame) + body.half_height
+        if place.kind == "open_box" and lowest > place.half_height - 0.01:
             return None
-        if self.rng.random() < 0.5:
+        if place.kind == "open_box" and self.rng.random() < 0.5:
             return Step("drop", name, frame, (*spot, round(place.half_height + body.half_height + 0.03, 4)))
         return Step("place", name, frame, (*spot, round(lowest, 4)), self._yaw())
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
@@ -185,7 +185,8 @@ def _drawn(scenario: Scenario, rng: np.random.Generator) -> dict[str, Spot] | No
     on_table = [name for name in spots if name not in stacked]
     if not all(scenario.reaches(spots[name].x, spots[name].y) for name in on_table):
         return None
-    return spots if _apart(scenario, spots, on_table) else None
+    within = {(name, of) for name, (of, _, spread) in beside.items() if spread == 0.0}
+    return spots if _apart(scenario, spots, on_table, within) else None
 
 
 def _anywhere(body: Body, reaches: Callable[[float, float], bool], rng: np.random.Generator) -> Spot:
@@ -209,9 +210,10 @@ def _atop(scenario: Scenario, spots: Mapping[str, Spot], name: str, below: str, 
     return spots[below].compose(Spot(0.0, 0.0, height, float(rng.uniform(-0.1, 0.1))))
 
 
-def _apart(scenario: Scenario, spots: Mapping[str, Spot], names: list[str]) -> bool:
-    gap = scenario.clear
-    return all(_gap(scenario, spots, a, b) >= gap for index, a in enumerate(names) for b in names[index + 1 :])
+def _apart(scenario: Scenario, spots: Mapping[str, Spot], names: list[str], within: set[tuple[str, str]]) -> bool:
+    """Whether nothing is near another, but for what is put exactly there."""
+    pairs = ((a, b) for a, b in combinations(names, 2) if (a, b) not in within and (b, a) not in within)
+    return all(_gap(scenario, spots, a, b) >= scenario.clear for a, b in pairs)
 
 
 def _gap(scenario: Scenario, spots: Mapping[str, Spot], a: str, b: str) -> float:
