@@ -155,9 +155,10 @@ class Arm:
 
 @cache
 def _description() -> str:
-    """The URDF of the arm with our fingers."""
+    """The URDF of the arm with our fingers, without what is only there to be seen: loading that takes longest."""
     folder = Path(pybullet_data.getDataPath()) / "franka_panda"
     text = (folder / "panda.urdf").read_text().replace("package://", f"{folder}/")
+    text = re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL)
     sides = iter((1, -1))
     across, thickness, length = FINGER_M
 

@@ -102,7 +102,7 @@ class PhysicalWorld:
     def table(self) -> Table:
         """Where everything stands now, taken as upright. A picture to be read: what is laid there moves nothing."""
         if self._table is None:
-            spots = {name: Spot.of(self._world.shown_in_base(name)) for name in self.bodies}
+            spots = {name: Spot.of(pose) for name, pose in self._world.shown().items()}
             self._table = Table(self.bodies, spots, self._rng)
         return self._table
 
@@ -226,9 +226,9 @@ class PhysicalWorld:
                 world.step()
 
     def _perceive(self) -> None:
-        self._table = None
-        now_ns = (self.steps + 1) * PERIOD_NS
-        for name, pose in self._world.observe().items():
+        now_ns, shown = (self.steps + 1) * PERIOD_NS, self._world.shown()
+        self._table = Table(self.bodies, {name: Spot.of(pose) for name, pose in shown.items()}, self._rng)
+        for name, pose in self._world.camera.observe(shown).items():
             self._cell.update_pose(name, now_ns, pose)
         self._cell.update_pose(scenarios.TOOL, now_ns, self._world.arm.tool_pose)
         self._cell.update_gripper(now_ns, self._world.gripper_state)

@@ -234,15 +234,13 @@ class World:
 
     def observe(self) -> dict[str, Pose]:
         """One noisy look of the camera at all objects."""
-        return self.camera.observe({name: self.shown_in_base(name) for name in self.objects})
+        return self.camera.observe(self.shown())
 
-    def shown_in_base(self, name: str) -> Pose:
-        """The pose at which an object looks to stand: a cube that came to lie on another side looks as if it stood.
-
-        Raises UnknownObjectError.
-        """
-        pose = self.pose_in_base(name)
-        return upright(pose) if self.scenario.bodies[name].symmetry == "cube" else pose
+    def shown(self) -> dict[str, Pose]:
+        """The poses at which objects look to stand: a cube that came to lie on another side looks as if it stood."""
+        poses = self.poses_in_base()
+        cubes = (name for name, body in self.scenario.bodies.items() if body.symmetry == "cube")
+        return poses | {name: upright(poses[name]) for name in cubes}
 
     def frame_in_base(self, frame: str) -> Pose:
         """The pose of a frame as the cell perceives it: the base, or the estimate of an object's pose.
