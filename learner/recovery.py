@@ -28,8 +28,10 @@ OCCUPY_RADIUS_M = 0.045
 """An object this near to a place leaves no room there for another of 5 cm."""
 TOUCH_M = 0.005
 """Between outlines nearer than this perception sees no gap."""
-SPOTS = 4
+SPOTS = 6
 """So many spots are tried for what is put aside."""
+INNER = 0.75
+"""They are among this share of the places where objects have lain, those furthest inside."""
 LEVELS = 5
 """So many objects upon one are taken down."""
 ON_TABLE_M = 0.015
@@ -88,8 +90,10 @@ class Recovery:
         """The SubTrees that the nodes given so far use."""
         return list(self._definitions.values())
 
-    def before(self, step: Step, done: Sequence[Target]) -> Sequence[Node]:
-        """What makes room before a step: its place freed and the object uncovered, and the hand emptied for it.
+    def before(self, step: Step, done: Sequence[Target], instead: Sequence[Step] = ()) -> Sequence[Node]:
+        """What makes room before a step, unless it or one `instead` of it is done.
+
+        The place is freed, the object uncovered, the hand emptied for it.
 
         The objects of targets in `done` are known to lie where they belong, since earlier siblings have just checked
         it: they do not occupy the place, and do not cover anything unless what they rest on may itself do so.
@@ -112,7 +116,8 @@ class Recovery:
         body = sequence(
             fallback(sequence(*clear), away, reactive=False), fallback(leaf(InGripper(name)), self._put_down())
         )
-        self._definitions[tree_id] = Definition(tree_id, body)
+        finished = [leaf(self.actions.placements[way.target].achieves) for way in (step, *instead)]
+        self._definitions[tree_id] = Definition(tree_id, fallback(*finished, body))
         return (subtree(tree_id),)
 
     def standing(self, step: Step) -> Sequence[Node]:
@@ -287,15 +292,22 @@ class Recovery:
         return [name for name, shape in sorted(scene.objects.items()) if max(shape.size_m) > WIDE_M] if scene else []
 
     def _spots(self) -> list[Array]:
-        """Spots (2,) in the base far from one another, where objects have lain and the robot has reached."""
+        """Spots (2,) in the base where objects have lain and the robot has reached.
+
+        Not the outermost, so that what belongs beside what is put there stays in reach; far from the places that the
+        task itself needs, and from one another.
+        """
         seen = np.array(
             [d.initial[name].position[:2] for d in self.demonstrations for name in d.initial if name in self.picks]
         )
-        chosen = [int(np.argmin(seen @ np.array([1.0, 1e-3])))]
-        while len(chosen) < min(SPOTS, len(seen)):
-            away = np.linalg.norm(seen[:, None] - seen[chosen][None], axis=2).min(axis=1)
-            chosen.append(int(np.argmax(away)))
-        return [seen[index] for index in chosen]
+        outside = np.linalg.norm(seen - np.median(seen, axis=0), axis=1)
+        inside = seen[np.argsort(outside, kind="stable")[: max(SPOTS, round(INNER * len(seen)))]]
+        places = [np.array(self.actions.placements[t].rest[:2]) for t in self.targets if t.frame == self.base]
+        chosen: list[Array] = [] if places else [inside[0]]
+        while len(chosen) < min(SPOTS, len(inside)):
+            away = np.linalg.norm(inside[:, None] - np.array([*places, *chosen])[None], axis=2).min(axis=1)
+            chosen.append(inside[int(np.argmax(away))])
+        return chosen
 
     def _pose_on_table(self, name: str, spot: Array) -> Pose:
         """The pose of an object that stands on the table, a little raised, oriented as it was first seen."""

@@ -5,6 +5,10 @@ Fallback(InGripper, Sequence(Fallback(GripperIs open, SetGripper open), Pick)): 
 reactive Sequence in an order in which each is reached without undoing those before it, so that what an earlier one
 has established is not checked again; that the gripper is free at the end follows, since a placed object is one that
 is not held.
+
+The Fallback of a target has memory: an object that lies within the noise of a radius seems now placed, now not, and is
+then taken and placed once rather than reached for and let be again and again. Making room for it is not done with
+memory, so that one wrong look does not take a tower apart.
 """
 
 from __future__ import annotations
@@ -46,21 +50,18 @@ class _Builder:
         end = _common([steps[begin:][::-1] for steps in lists]) if alike else 0
         middles = [steps[begin : len(steps) - end] for steps in lists]
         choice = self._choice(middles, first.steps[:begin])
-        if not begin and not end and not self._held(first):
-            return choice
         before, after = first.steps[:begin], first.steps[len(first.steps) - end :]
-        return sequence(*self._steps(before, ()), choice, *self._steps(after, before), *self._held(first))
+        nodes = [*self._steps(before, ()), *choice, *self._steps(after, before), *self._held(first)]
+        return nodes[0] if len(nodes) == 1 else sequence(*nodes)
 
-    def _choice(self, middles: Sequence[Sequence[Step]], done: Sequence[Step]) -> Node:
+    def _choice(self, middles: Sequence[Sequence[Step]], done: Sequence[Step]) -> Sequence[Node]:
         """One of several ways: a finished one is left alone, else the first that does not fail is pursued.
 
         The Fallback over the ways has memory, so that one way is not given up for another while it runs. Ways of
         several steps after the first are pursued as long as the tree stays within eleven nodes a placement.
         """
         if all(len(middle) == 1 for middle in middles):
-            steps = [middle[0] for middle in middles]
-            tests = [self._condition(step) for step in steps]
-            return fallback(*tests, fallback(*(self._chain(step, done) for step in steps), reactive=False))
+            return self._choice_of([middle[0] for middle in middles], done)
         tests = [self._test(middle) for middle in middles[1:]]
         ways = [sequence(*self._steps(middle, done)) for middle in middles]
         pursued = ways[:1]
@@ -69,7 +70,16 @@ class _Builder:
             if self._nominal_size(longer) <= self._bound(middles):
                 pursued.append(way)
         first = pursued[0] if len(pursued) == 1 else fallback(*pursued, reactive=False)
-        return fallback(*tests, first)
+        return (fallback(*tests, first),)
+
+    def _choice_of(self, steps: Sequence[Step], done: Sequence[Step]) -> Sequence[Node]:
+        """One of several steps; room for the first is made as `_steps` does it."""
+        first, *others = steps
+        tests = [self._condition(step) for step in steps]
+        room = () if first.guards else self._room(first, done, others)
+        chain = self._chain(first, done) if first.guards else sequence(*self._placed(first))
+        chains = (chain, *(self._chain(step, done) for step in others))
+        return (*room, fallback(*tests, *chains, reactive=False))
 
     def _bound(self, middles: Sequence[Sequence[Step]]) -> int:
         placements = {target for middle in middles for step in middle for target in step.targets()}
@@ -94,7 +104,9 @@ class _Builder:
         for place, step in enumerate(steps):
             earlier = (*done, *steps[:place])
             nodes += [node for node in self.recovery.standing(step) if node not in nodes]
-            nodes.append(fallback(self._condition(step), self._chain(step, earlier)))
+            nodes += () if step.guards else self._room(step, earlier)
+            chain = self._chain(step, earlier) if step.guards else sequence(*self._placed(step))
+            nodes.append(fallback(self._condition(step), chain, reactive=False))
         return nodes
 
     def _condition(self, step: Step) -> Node:
@@ -103,8 +115,13 @@ class _Builder:
     def _chain(self, step: Step, done: Sequence[Step]) -> Node:
         """The guards, room made, the object in hand, and the placement."""
         guards = self._steps(step.guards, done)
-        room = self.recovery.before(step, [other.target for other in (*done, *step.guards)])
-        return sequence(*guards, *room, hold(step.target.object, self.actions), leaf(self._placement(step)))
+        return sequence(*guards, *self._room(step, (*done, *step.guards)), *self._placed(step))
+
+    def _room(self, step: Step, done: Sequence[Step], instead: Sequence[Step] = ()) -> Sequence[Node]:
+        return self.recovery.before(step, [other.target for other in done], instead)
+
+    def _placed(self, step: Step) -> tuple[Node, Node]:
+        return hold(step.target.object, self.actions), leaf(self._placement(step))
 
     def _placement(self, step: Step) -> Place | Drop:
         return self.actions.placements[step.target]

@@ -369,8 +369,8 @@ class KinematicWorld:
         self.table.spots.update(spots)
 
     def hand_is_clear(self) -> bool:
-        """Always: nothing that a human lays meets the hand in this world."""
-        return True
+        """Whether nothing lies upon what is held: nobody lays a thing in the air."""
+        return self.held is None or not self.table.covered(self.held)
 
     def reaches(self, position: Vector) -> bool:
         """Whether the arm can bring its fingertips there [m]."""

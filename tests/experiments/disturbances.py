@@ -47,12 +47,12 @@ class Disturbance:
     beyond: bool = False
     """It may leave what no demonstration shows a way out of: a covered cube, an occupied place (issue: recovery)."""
 
-    def apply(self, world: Arena, scenario: Scenario, rng: np.random.Generator) -> str | None:
-        """Let it happen if it can, such that the task can still be done; says what happened."""
+    def apply(self, world: Arena, scenario: Scenario, rng: np.random.Generator, actions_left: int) -> str | None:
+        """Let it happen if it can, such that the task can still be done in so many actions; says what happened."""
         for _ in range(ATTEMPTS if self.happen else 0):
             memory = world.remember()
             what = self.happen(world, scenario, rng) if self.happen else None
-            if what is None or (world.hand_is_clear() and can_be_done(world, scenario, self.beyond)):
+            if what is None or (world.hand_is_clear() and can_be_done(world, scenario, self.beyond, actions_left)):
                 return what
             world.recall(memory)
         return None
@@ -197,12 +197,41 @@ DISTURBANCES: Final[Mapping[str, Disturbance]] = {
 }
 
 
-def can_be_done(world: Arena, scenario: Scenario, beyond: bool) -> bool:
+def can_be_done(world: Arena, scenario: Scenario, beyond: bool, actions_left: int) -> bool:
     """Whether every place of a goal is in reach, not in the air, and free: of everything, or of what cannot be moved.
 
-    In the air is a place whose reference was put on top of something; no demonstration tells where that belongs.
+    In the air is a place whose reference was put on top of something; no demonstration tells where that belongs. And
+    whether any robot could do it in so many actions.
     """
-    return any(_goal_can_be_done(world, scenario, goal, beyond) for goal in scenario.goals)
+    return any(
+        _goal_can_be_done(world, scenario, goal, beyond) and least_actions(world, scenario, goal) <= actions_left
+        for goal in scenario.goals
+    )
+
+
+def least_actions(world: Arena, scenario: Scenario, goal: Goal) -> int:
+    """A lower bound of the actions that must still begin to reach a goal from here, by the truth.
+
+    A pick and a release for each object that is not in its place; the same for each that stands upon one or in its
+    place, twice for those that belong where they stand; and for a held object whose place is not ready, putting it
+    down and taking it again. What has begun counts as done.
+    """
+    missing = [relation for relation in goal if not scenario.holds(relation, world.table.spots)]
+    moved = {relation.object for relation in missing}
+    occupants = {relation.object: _occupants(world, scenario, goal, relation) for relation in missing}
+    in_the_way = set().union(*(world.table.load(name) | occupants[name] for name in moved)) - moved
+    belonging = in_the_way & {relation.object for relation in goal}
+    waiting = any(r.object == world.held and (r.frame in moved or occupants[r.object]) for r in missing)
+    return 2 * (len(moved) + len(in_the_way) + len(belonging) + waiting) - _begun(world, moved | in_the_way, waiting)
+
+
+def _begun(world: Arena, moved: set[str], waiting: bool) -> int:
+    """How many of the picks and releases of these objects are done or under way."""
+    last = world.deeds[-1] if world.deeds else None
+    under_way = last is not None and not last.ended and last.object in moved
+    if world.held in moved:
+        return 1 + (under_way and not waiting)
+    return int(under_way)
 
 
 def _goal_can_be_done(world: Arena, scenario: Scenario, goal: Goal, beyond: bool) -> bool:

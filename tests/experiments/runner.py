@@ -161,7 +161,8 @@ class _Run:
         due = self.world.steps >= self.due_step and self.when == "progress"
         if not (due or finished or self._at_start) or self.disturbance is None or self.disturbance.happen is None:
             return
-        self.disturbed = self.disturbance.apply(self.world, self.scenario, self.rng)
+        actions_left = budget(self.scenario) - len(self.world.deeds)
+        self.disturbed = self.disturbance.apply(self.world, self.scenario, self.rng, actions_left)
         if self.disturbed:
             self.said = self.true = 0
             self.watched = len(self.world.deeds)
