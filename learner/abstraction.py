@@ -39,7 +39,7 @@ UPON_M: Final = (0.02, 0.08)
 """How much higher an object's origin lies than that of the one it covers."""
 CHUNK: Final = 40_000
 """So many states are looked at together: their columns stay in the processor's cache."""
-X, Y, Z, LEVEL, RAISED = range(5)
+X, Y, Z, RAISED = range(4)
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
@@ -87,8 +87,8 @@ class Layout:
     """How things lie to one another in many states; a row an object, then one for the base and each fixed frame.
 
     `roots` (rows, n): what a chain of frames ends at, which is an object that is away or held, the base or a fixed
-    frame. `offsets` (5, rows, n): the position from there [m], and how many objects lie below in the chain, of any
-    kind (LEVEL) and of those that can be grasped (RAISED).
+    frame. `offsets` (4, rows, n): the position from there [m], and upon how many objects that can be grasped one lies
+    in the chain (RAISED).
     """
 
     roots: NDArray[np.int32]
@@ -171,15 +171,15 @@ class AbstractWorld:
 
     @cached_property
     def _steps(self) -> tuple[NDArray[np.int32], Floats]:
-        """For each object and location its frame (itself where the chain ends), and the offset (5, …) from there."""
+        """For each object and location its frame (itself where the chain ends), and the offset (4, …) from there."""
         most = max(self.sizes, default=FIRST_PLACE)
         frames = np.repeat(np.arange(len(self.objects), dtype=np.int32)[:, None], most, axis=1)
-        offsets = np.zeros((5, len(self.objects), most), dtype=np.float32)
+        offsets = np.zeros((4, len(self.objects), most), dtype=np.float32)
         for a, name in enumerate(self.objects):
             for number, place in enumerate(self.places[name], start=FIRST_PLACE):
                 upon = place.position[2] > UPON_M[0]
                 frames[a, number] = self.index[place.frame]
-                offsets[:, a, number] = (*place.position, upon, upon and place.frame in self.grasps)
+                offsets[:, a, number] = (*place.position, upon and place.frame in self.grasps)
         return frames, offsets
 
     # -- states ----------------------------------------------------------------------------------------------------
@@ -189,11 +189,11 @@ class AbstractWorld:
         frames, steps = self._steps
         m, n, rows = len(self.objects), len(states), len(self.frames)
         roots = np.repeat(np.arange(rows, dtype=np.int32)[:, None], n, axis=1)
-        offsets = np.zeros((5, rows, n), dtype=np.float32)
+        offsets = np.zeros((4, rows, n), dtype=np.float32)
         for a in range(m):
             roots[a] = frames[a][states.locations[a]]
             offsets[:, a] = steps[:, a][:, states.locations[a]]
-        flat_roots, flat_offsets = roots.reshape(-1), offsets.reshape(5, -1)
+        flat_roots, flat_offsets = roots.reshape(-1), offsets.reshape(4, -1)
         pending = np.flatnonzero((roots[:m] != np.arange(m)[:, None]) & (roots[:m] < m))
         while len(pending):
             ends = flat_roots[pending] * np.intp(n) + pending % n
@@ -210,7 +210,7 @@ class AbstractWorld:
 
         Possible is: at most one object held, by a closed gripper and with nothing lying in its frame; none rests on
         itself or within another; what is high above the object of its frame, or beside one that lies upon another,
-        has something beneath it; no pile is higher than recovery takes down.
+        has something beneath it; no pile is higher than recovery takes down (see `left_out`).
         """
         partial, whole = States(np.zeros((len(self.objects), 1), np.int16), np.ones(1, bool)), True
         for a in range(len(self.objects)):
@@ -223,6 +223,11 @@ class AbstractWorld:
         if len(found) > exhaustive or not whole:
             return _drawn(found, sampled, rng), False
         return found, True
+
+    @property
+    def left_out(self) -> str | None:
+        """Which states count as not possible although they might be: piles that recovery does not take down."""
+        return f"piles of more than {LEVELS + 1} objects" if len(self.movable) > LEVELS + 1 else None
 
     def _laid(self, partial: States, a: int) -> States:
         """The states in which also object a is held or laid somewhere, where it can be."""
@@ -254,7 +259,7 @@ class AbstractWorld:
     def _apart(self, a: int, states: States) -> Bools:
         """In which states none of the first objects up to a are within another, and no pile is too high."""
         layout = self.layout(states)
-        fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= LEVELS
+        fits = layout.offsets[RAISED].max(axis=0, initial=0) <= LEVELS
         for b, c in combinations([number for number in self.movable if number <= a], 2):
             fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], OVERLAP_M)
         return np.asarray(fits)

@@ -33,13 +33,14 @@ NOT_TO_THE_GOAL = "never to the goal"
 class Certificate:
     """What was proven. `states` were begun from, all there are if `exhaustive`; `bound` is the most actions from any
     of them to the goal, None if it is not reached; `counterexample` describes a state that refutes the tree and what
-    is wrong there; None if there is none.
+    is wrong there; None if there is none. `left_out` names states that were not begun from, None if there are none.
     """
 
     states: int
     exhaustive: bool
     bound: int | None
     counterexample: str | None
+    left_out: str | None = None
 
     def to_data(self) -> dict[str, Any]:
         """For the manifest."""
@@ -209,7 +210,7 @@ class Arena:
         bound, example = None, exploration.follow(self.starts)
         if example is None:
             bound, example = exploration.bound()
-        return Certificate(len(self.starts), self.whole, None if example else bound, example)
+        return Certificate(len(self.starts), self.whole, None if example else bound, example, self.world.left_out)
 
 
 class _Exploration:
