@@ -50,6 +50,10 @@ class Plan:
         """How each target is reached, as it was demonstrated."""
         return self._actions().placements
 
+    def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
+        """The goals of each group as the tree pursues them."""
+        return [[step.target for step in in_order(group, repairs)] for group in self.understood.groups]
+
     @cached_property
     def nearest_m(self) -> Mapping[Target, float]:
         """For each target the distance [m] to the nearest other one."""

@@ -31,6 +31,7 @@ PATIENCE: Final = 3
 """At most this many times the actions of an undisturbed run ..."""
 ASIDE: Final = 4
 """... and this many more for each thing that was put in the way: twice a pick and a placement."""
+RELEASES: Final = ("Place", "Drop")
 SENTENCES: Final = 5
 """So many failures are told."""
 
@@ -39,7 +40,7 @@ Verdict = Literal["done", "false success", "too many actions", "no progress"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a rollout. `world` is as it was left, `halted` counts the actions given up before they ended."""
+    """What came of a rollout. `world` is as it was left."""
 
     rollout: Rollout
     verdict: Verdict
@@ -55,9 +56,10 @@ class Outcome:
         return Counter((d.kind, d.object, d.frame, d.reason) for d in self.world.deeds if d.reason)
 
     @cached_property
-    def succeeded(self) -> Counter[tuple[str, str, str]]:
-        """How often each (action, object, frame) succeeded."""
-        return Counter((d.kind, d.object, d.frame) for d in self.world.deeds if d.ended and not d.reason)
+    def placed(self) -> list[tuple[str, str]]:
+        """What was let go in the frame of what, in order."""
+        deeds = (d for d in self.world.deeds if d.kind in RELEASES and d.ended and not d.reason)
+        return [(deed.object, deed.frame) for deed in deeds]
 
     @cached_property
     def given_up(self) -> Counter[tuple[str, str]]:

@@ -1,20 +1,23 @@
 """What a rehearsal teaches the planner: each failed rollout is a counterexample, and most tell what was missing.
 
 - Placing fails upon contact with something where no condition looks: there it occupies the place (`widened`).
-- Placing fails upon contact with something that already lies where it belongs: the order is wrong (`before`).
+- Placing fails upon contact with something that already lies where it belongs, or something is placed again and again
+  upon what is still to be moved: the order is wrong (`before`).
 - An action succeeds and its condition does not come to hold, or flickers: its radius is too small (`radii`).
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 from learner.goal import Goal, holds
 from learner.model import Drop, Place, Tree
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
-from learner.rehearsal import Outcome, Rehearsal
+from learner.rehearsal import RELEASES, Outcome, Rehearsal
 from learner.rounding import rounded
 from learner.targets import Target
 
@@ -22,8 +25,10 @@ ROUNDS: Final = 3
 """So many times a tree is repaired at the most."""
 OFTEN: Final = 3
 """What happens so often in one rollout is no accident."""
-WIDER: Final = 1.4
-"""A radius that is too small grows by this factor."""
+WIDER: Final = 2.0
+"""A radius that is too small grows by this factor ..."""
+LEAST_M: Final = 0.02
+"""... and to this at least [m]."""
 APART: Final = 0.49
 """Of the distance to the nearest other target a radius is at most this share."""
 
@@ -41,12 +46,13 @@ class Repairs:
     radii: tuple[tuple[Target, float], ...] = ()
 
     def __or__(self, other: Repairs) -> Repairs:
-        """Both; of two radii of one target the wider."""
+        """Both; of two radii of one target the wider, of two contrary orders the first."""
         radii = dict(self.radii)
         for target, radius in other.radii:
             radii[target] = max(radius, radii.get(target, 0.0))
         in_order = tuple(sorted(radii.items(), key=lambda item: (item[0].object, item[0].members)))
-        return Repairs(self.widened | other.widened, self.before | other.before, in_order)
+        before = self.before | {(a, b) for a, b in other.before if (b, a) not in self.before}
+        return Repairs(self.widened | other.widened, before, in_order)
 
     def sentences(self) -> list[str]:
         """For the manifest."""
@@ -73,45 +79,54 @@ def attempts(
     first: Tree, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal],
     propose: Callable[[Sequence[Outcome], Repairs], Repairs],
 ) -> list[Attempt]:  # fmt: skip
-    """The first tree, then each repaired one that rehearses better than the one before it.
+    """The first tree, then each repaired one that rehearses better than all before it.
 
-    A repair that makes it no better is not pursued further.
+    One that is as good is repaired further, if its failures teach more; one that is worse is not.
     """
-    found = [Attempt(first, NOTHING, rehearse(first))]
+    last = Attempt(first, NOTHING, rehearse(first))
+    found = [last]
     for _ in range(ROUNDS):
-        last = found[-1]
         repairs = last.repairs | propose(last.rehearsal.failures, last.repairs)
         if repairs == last.repairs:
             break
         tree = plan(repairs)
-        rehearsal = rehearse(tree)
-        if rehearsal.share <= last.rehearsal.share:
+        last = Attempt(tree, repairs, rehearse(tree))
+        if last.rehearsal.share < found[-1].rehearsal.share:
             break
-        found.append(Attempt(tree, repairs, rehearsal))
+        if last.rehearsal.share > found[-1].rehearsal.share:
+            found.append(last)
     return found
 
 
 class Lessons:
-    """Proposes repairs for the failures of one plan: `placements` by target, `goals` as they were rehearsed."""
+    """Proposes repairs for the failures of one plan.
+
+    `placements` and the distance [m] to the `nearest` other place are by target; `orders` are the targets of each group
+    as they are pursued now, given what is repaired; `goals` what was rehearsed.
+    """
 
     def __init__(
-        self, placements: Mapping[Target, Place | Drop], nearest_m: Mapping[Target, float], goals: Sequence[Goal]
+        self,
+        placements: Mapping[Target, Place | Drop],
+        nearest_m: Mapping[Target, float],
+        orders: Callable[[Repairs], Sequence[Sequence[Target]]],
+        goals: Sequence[Goal],
     ) -> None:
-        self.placements, self.nearest_m, self.goals = placements, nearest_m, goals
-        self.now_m: dict[Target, float] = {}
+        self.placements, self.nearest_m, self.orders, self.goals = placements, nearest_m, orders, goals
+        self.known = NOTHING
 
     def of(self, failures: Sequence[Outcome], known: Repairs = NOTHING) -> Repairs:
         """The repairs that failed runs of a tree speak for, which was made with those `known`."""
-        found, self.now_m = NOTHING, dict(known.radii)
+        found, self.known = NOTHING, known
         for outcome in failures:
-            for repair in (*self._contacts(outcome), *self._radii(outcome)):
+            for repair in (*self._contacts(outcome), *self._undone(outcome), *self._radii(outcome)):
                 found |= repair
         return found
 
     def _contacts(self, outcome: Outcome) -> Iterator[Repairs]:
         for (kind, name, frame, reason), times in sorted(outcome.failing.items()):
             met = reason.removeprefix("contact with ")
-            if kind in ("Place", "Drop") and met != reason and times >= OFTEN:
+            if kind in RELEASES and met != reason and times >= OFTEN:
                 yield from (self._contact(target, met, outcome) for target in self._targets(name, frame))
 
     def _contact(self, target: Target, met: str, outcome: Outcome) -> Repairs:
@@ -126,10 +141,20 @@ class Lessons:
         own = (r for r in relations if (r.object, r.frame) == (target.object, target.frame))
         return any(holds(relation, outcome.world) for relation in own)
 
+    def _undone(self, outcome: Outcome) -> Iterator[Repairs]:
+        """What is placed again and again upon something that is still to be moved waits until that was moved."""
+        placed = Counter(outcome.placed)
+        for order in self.orders(self.known):
+            for place, target in enumerate(order):
+                if placed[target.object, target.frame] >= OFTEN:
+                    under = {target.frame, *(target.upon or ())[:1]}
+                    later = [other for other in order[place + 1 :] if other.object in under]
+                    yield Repairs(before=frozenset((other, target) for other in later))
+
     def _radii(self, outcome: Outcome) -> Iterator[Repairs]:
-        """Wider where an object was placed, or reached for and let be, again and again."""
-        again = {(name, frame) for (kind, name, frame), times in outcome.succeeded.items()
-                 if kind in ("Place", "Drop") and times >= OFTEN + outcome.rollout.in_the_way}  # fmt: skip
+        """Wider where an object was placed again and again with nothing between, or reached for and let be."""
+        repeated = Counter(a for a, b in pairwise(outcome.placed) if a == b)
+        again = {pair for pair, times in repeated.items() if times >= OFTEN - 1}
         given_up = {name for (kind, name), times in outcome.given_up.items() if kind == "Pick" and times >= OFTEN}
         for target in self.placements:
             if (target.object, target.frame) in again or target.object in given_up:
@@ -138,8 +163,8 @@ class Lessons:
     def _wider(self, target: Target) -> tuple[tuple[Target, float], ...]:
         placement = self.placements[target]
         cap = PLACE_RADIUS_M if isinstance(placement, Place) else DROP_RADIUS_M
-        now_m = self.now_m.get(target, placement.radius)
-        wider = rounded(min(cap, WIDER * now_m, APART * self.nearest_m.get(target, cap / APART)))
+        now_m = dict(self.known.radii).get(target, placement.radius)
+        wider = rounded(min(cap, max(LEAST_M, WIDER * now_m), APART * self.nearest_m.get(target, cap / APART)))
         return ((target, wider),) if wider > now_m else ()
 
     def _targets(self, name: str, frame: str) -> list[Target]:

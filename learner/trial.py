@@ -113,7 +113,7 @@ class _Trial:
 
     @cached_property
     def _lessons(self) -> Lessons:
-        return Lessons(self.plan.placements, self.plan.nearest_m, self.goals(self.stage))
+        return Lessons(self.plan.placements, self.plan.nearest_m, self.plan.orders, self.goals(self.stage))
 
 
 def _certificate(tree: Tree, base_frame: str) -> Certificate:
