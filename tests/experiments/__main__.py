@@ -56,7 +56,12 @@ middle of the place to count as occupying it, upon which placing fails again and
 are those for which its planner does not reach the goal in its own world; the published code was measured to fare better
 on the tower of Hanoi (5 of 11 sets at three demonstrations), which ours does not reproduce.
 
-Not here: runs in the physical simulation with the arm (the tests have some), and a repair of trees from failed runs."""
+*In PyBullet, with the arm* runs the same method's trees in a world with dynamics (`learner/simulation/physical.py`): a
+Panda that travels, touches and knocks things over, cubes that topple, conditions looked at ten times a second, the
+same noise. Starts and disturbances are drawn from what the arm reaches. A kind of disturbance that cannot happen in a
+task (one cube covers nothing) has no runs there.
+
+Not here: a repair of trees from failed runs."""
 
 
 def _arguments() -> argparse.Namespace:
