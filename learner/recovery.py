@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from learner.executables import Executables
+from learner.grasps import Upright, borrowed_grasp
 from learner.groups import Step
 from learner.model import Condition, Definition, Demonstration, InGripper, Node, ObjectAt, Pick, Place, Pose, SetGripper
-from learner.model.condition import DROP_RADIUS_M, GripperIs, ObjectRoughlyAt
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, GripperIs, ObjectRoughlyAt
 from learner.model.names import distinct_identifiers
 from learner.model.pose import Array, conjugate, rotate
 from learner.model.tree import RECOVERY_PREFIX, Value, fallback, leaf, sequence, subtree
@@ -23,9 +24,11 @@ from learner.rounding import rounded, rounded_pose, rounded_vector
 from learner.targets import Target
 
 COVER_RADIUS_M = 0.035
-"""An object's origin this near to the middle of the place above another covers it: it would not stay further off."""
-OCCUPY_RADIUS_M = 0.045
-"""An object this near to a place leaves no room there for another of 5 cm."""
+"""An object's origin this near to the middle of the place above another covers it, where no scene tells their sizes."""
+EDGE_M = 0.01
+"""An object whose middle is further off than the edge of what it lies upon, and this much, would fall."""
+OCCUPIES = 0.9
+"""An object this near to a place, in parts of what both need side by side, leaves no room there for the other."""
 TOUCH_M = 0.005
 """Between outlines nearer than this perception sees no gap."""
 SPOTS = 6
@@ -154,14 +157,18 @@ class Recovery:
         return candidate
 
     def _picks(self) -> dict[str, Pick]:
-        """How to grasp each object that was picked, and each of the same shape as one that was."""
+        """How to grasp each object that was picked, and with a scene each that a gripper can be thought to span."""
         picks = {name: self.actions.pick(name) for name in self.actions.grasps}
         scene = self.actions.scene
-        for name, shape in sorted(scene.objects.items()) if scene else []:
-            alike = (other for other in sorted(self.actions.grasps) if scene and scene.objects.get(other) == shape)
-            like = next(alike, None)
-            if name not in picks and like is not None and any(name in d.objects for d in self.demonstrations):
-                picks[name] = Pick(name, name, picks[like].position, picks[like].orientation)
+        seen = {name for d in self.demonstrations for name in d.initial}
+        uprights = {
+            name: Upright(shape, self._up(name)) for name, shape in sorted(scene.objects.items()) if name in seen
+        } if scene else {}  # fmt: skip
+        for name in sorted(set(uprights) - set(picks)):
+            grasp = borrowed_grasp(uprights[name], self.actions.grasps, uprights)
+            if grasp is not None:
+                hand = rounded_pose(grasp)
+                picks[name] = Pick(name, name, hand.position, hand.quaternion_xyzw)
         return picks
 
     def _covers(self) -> list[Cover]:
@@ -172,26 +179,28 @@ class Recovery:
             return [Cover(x, o, rounded_vector(at), COVER_RADIUS_M) for x, o, at in sorted(upon)]
         known = [name for name in self.picks if name in scene.objects]
         return [
-            Cover(
-                x, o, rounded_vector(self.ups[o] * self._height_above(x, o, level, known)), COVER_RADIUS_M, level == 0
-            )
+            self._cover(x, o, level, known)
             for level in reversed(range(min(LEVELS, len(known) - 1)))
             for o in known
             for x in known
             if x != o
         ]
 
-    def _height_above(self, x: str, o: str, level: int, known: Sequence[str]) -> float:
-        """How far above the origin of o that of x lies when `level` others are between."""
-        between = level * float(np.median([self._height(name) for name in known]))
-        return self._height(o) / 2 + between + self._height(x) / 2
+    def _cover(self, x: str, o: str, level: int, known: Sequence[str]) -> Cover:
+        """x upon o with `level` others between."""
+        position = rounded_vector(self.ups[o] * self._height_above(x, o, level, known))
+        radius = rounded(min(PLACE_RADIUS_M, self._upright(o).sides_m[1] / 2 + EDGE_M))
+        return Cover(x, o, position, radius, direct=level == 0)
 
-    def _height(self, name: str) -> float:
-        """The object's size [m] along the axis that stands upright."""
+    def _upright(self, name: str) -> Upright:
         scene = self.actions.scene
         assert scene is not None
-        up = np.abs(self.ups[name])
-        return float(scene.objects[name].size_m[int(np.argmax(up))])
+        return Upright(scene.objects[name], self.ups[name])
+
+    def _height_above(self, x: str, o: str, level: int, known: Sequence[str]) -> float:
+        """How far above the origin of o that of x lies when `level` others are between."""
+        heights = {name: self._upright(name).height_m for name in known}
+        return heights[o] / 2 + level * float(np.median(list(heights.values()))) + heights[x] / 2
 
     def _up(self, name: str) -> Array:
         """The direction (3,), in the object's frame, that points up in the base on average."""
@@ -211,9 +220,15 @@ class Recovery:
         return [
             ObjectRoughlyAt(name, place.frame, place.rest, self._touching_m(name, step.target.object))
             if (step.target, name) in self.widened
-            else ObjectAt(name, place.frame, place.rest, OCCUPY_RADIUS_M)
+            else ObjectAt(name, place.frame, place.rest, self._occupying_m(name, step.target.object))
             for name in others
         ]
+
+    def _occupying_m(self, a: str, b: str) -> float:
+        """The distance [m] of two origins below which one leaves no room for the other."""
+        scene = self.actions.scene
+        sides = [self._upright(name).sides_m[0] for name in (a, b) if scene and name in scene.objects]
+        return rounded(min(PLACE_RADIUS_M, OCCUPIES * sum(sides) / len(sides) if sides else PLACE_RADIUS_M))
 
     def _touching_m(self, a: str, b: str) -> float:
         """The distance [m] of two origins below which the outlines may touch, whatever the yaws."""
