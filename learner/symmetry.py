@@ -12,7 +12,7 @@ import numpy as np
 
 from learner.model import Pose
 from learner.model.demonstration import Symmetry
-from learner.model.pose import Array, conjugate, mean_quaternion, multiply, rotate
+from learner.model.pose import Array, angle_between, conjugate, mean_quaternion, multiply, rotate
 
 QUARTERS = {"none": 1, "box": 2, "cube": 4}
 """How many turns about an upright axis leave a shape as it is; `vertical` admits any turn about its z axis."""
@@ -50,7 +50,8 @@ def nearest_turns(relative: Array, symmetry: Symmetry, axis: Array) -> Array:
 def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, aligned_rad: float) -> Pose:
     """The mean of poses given in an object's frame (grasps), modulo the object's symmetry.
 
-    The others are turned to the pose that most of them agree with; those that do not, at any turn, are left out.
+    The others are turned to the pose that most of them agree with; those that do not, at any turn, are left out. Of an
+    object that may have no symmetry, grasps a quarter turn from it still tell where it is grasped.
     """
     quaternions = np.array([pose.quaternion_xyzw for pose in poses])
 
@@ -59,8 +60,12 @@ def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, align
         return turn, multiply(turn, quaternions)
 
     turn, aligned, agreeing = _most_agreeing(quaternions, turned, aligned_rad)
+    mean = mean_quaternion(aligned[agreeing])
+    if symmetry == "none":
+        quarter = nearest_turns(multiply(mean, conjugate(quaternions)), "cube", axis)
+        agreeing = angle_between(multiply(quarter, quaternions), mean) < aligned_rad
     positions = rotate(turn, np.array([pose.position for pose in poses]))
-    return Pose.of(robust_mean(positions[agreeing]), mean_quaternion(aligned[agreeing]))
+    return Pose.of(robust_mean(positions[agreeing]), mean)
 
 
 def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, aligned_rad: float) -> Pose:
