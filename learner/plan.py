@@ -37,8 +37,14 @@ class Plan:
             {target: replace(actions.placements[target], radius=radius) for target, radius in repairs.radii}
         )
         groups = [replace(group, steps=in_order(group, repairs)) for group in understood.groups]
-        recovery = Recovery(understood.demonstrations, actions, understood.targets, widened=repairs.widened)
+        recovery = Recovery(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
+
+    def shared_targets(self) -> list[Target]:
+        """The targets that a demonstration of some group reached; not those of somebody who means another task."""
+        understood = self.understood
+        counted = {number for group in understood.groups for number in group.demonstrations}
+        return [t for t in understood.targets if any(understood.moves[m].demonstration in counted for m in t.members)]
 
     def nominal_tree(self) -> Tree:
         """The tree without the SubTrees that only recover; much faster made than those are."""

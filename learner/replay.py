@@ -20,7 +20,7 @@ from learner.model import Tree
 from learner.rehearsal import Actor, Outcome, judged
 from learner.stage import Stage, Start
 
-ACTIONS: Final = 16
+ACTIONS: Final = 12
 """Runs are done while they are expected to take no more actions than this together, but one at least ..."""
 REPLAYS: Final = 2
 """... and not more than this."""

@@ -31,6 +31,8 @@ UPRIGHT_RAD: Final = math.radians(20)
 """A body tilted further against how it usually stands lies on another face."""
 INSIDE_M: Final = 0.01
 """What reaches this far below the top of another, within its outline, lies in it."""
+ORIGIN_M: Final = 0.01
+"""An origin is taken to be in the middle of a body unless that would sink into the table by more than this."""
 STROKE_M: Final = 0.08
 PLACED_M: Final = 0.025
 """The stage does as was shown if what is let go comes to rest this near to where it did ..."""
@@ -83,7 +85,8 @@ class Stage:
 
     `bodies`: an object within which something came to rest is an open box, any other a block; what was picked can be
     grasped, and so can its like and what is small. `starts`: of the demonstrations whose releases the stage reproduces;
-    `left_out` gives the reason for each other one. Without a scene objects are points.
+    `left_out` gives the reason for each other one. Without a scene objects are points. `turns` take an object's frame
+    to that of its upright body, `origins_m` is how high its origin lies in that, whose own is in the middle.
     """
 
     def __init__(self, demonstrations: Sequence[Demonstration]) -> None:
@@ -93,6 +96,9 @@ class Stage:
         self.begins = [_begin(demonstration) for demonstration in demonstrations]
         self.names = sorted({name for begin in self.begins for name in begin})
         self.turns = {name: _turned_up(self._up(name)) for name in self.names}
+        self.shapes = {name: self._standing(name) for name in self.names}
+        self.table_m = self._table_m()
+        self.origins_m = {name: self._origin_m(name) for name in self.names}
         self.bodies = {name: self._body(name) for name in self.names}
         self.shift = self._shift()
         self.tip = self._tip()
@@ -156,14 +162,14 @@ class Stage:
 
     def spot(self, name: str, pose_in_base: Pose) -> Spot:
         """Where a body stands whose object has a pose in the demonstrations' base."""
-        position = np.add(pose_in_base.position, self.shift)
+        position = np.add(pose_in_base.position, self.shift) - np.array([0.0, 0.0, self.origins_m[name]])
         quaternion = multiply(np.array(pose_in_base.quaternion_xyzw), conjugate(np.array(self.turns[name])))
         return Spot.of(Pose.of(position, quaternion))
 
     def _into(self, frame: str) -> Pose:
         if frame == self.base:
             return Pose(self.shift)
-        return Pose((0.0, 0.0, 0.0), self.turns[frame])
+        return Pose((0.0, 0.0, self.origins_m[frame]), self.turns[frame])
 
     # -- what was seen -----------------------------------------------------------------------------------------------
 
@@ -182,37 +188,51 @@ class Stage:
         mean = ups[agreeing[int(np.argmax(agreeing.sum(axis=1)))]].mean(axis=0)
         return np.asarray(mean / np.linalg.norm(mean))
 
-    def _body(self, name: str) -> Body:
-        if self.points:
-            return Body(POINT)
-        assert self.scene is not None
-        shape = self.scene.objects[name]
-        standing = self._standing(name, shape)
-        if self._contains(name, shape):
-            return Body(standing, "open_box")
-        graspable = any(self.scene.objects[other].size_m == shape.size_m for other in self._picked)
-        return Body(standing, stroke_m=max(STROKE_M, min(standing.size_m[:2])) if graspable else STROKE_M)
-
-    def _standing(self, name: str, shape: ObjectShape) -> ObjectShape:
+    def _standing(self, name: str) -> ObjectShape:
         """The shape along the axes of the upright body."""
-        axis = _main_axis(self._up(name))
+        if self.points:
+            return POINT
+        assert self.scene is not None
+        shape, axis = self.scene.objects[name], _main_axis(self._up(name))
         x, y, z = np.abs(rotate(np.array(_upright(axis)), np.array(shape.size_m))).tolist()
         round_ = shape.symmetry != "vertical" or axis[2] != 0
         return ObjectShape((x, y, z), shape.symmetry if round_ else "none")
+
+    def _table_m(self) -> float:
+        """The table's height [m] in the base: of what is picked, the lowest stands on it."""
+        bottoms = [
+            min(pose.position[2] - self.shapes[name].size_m[2] / 2 for name, pose in begin.items() if name in some)
+            for begin in self.begins
+            if (some := self._picked & set(begin))
+        ]
+        return float(np.median(bottoms)) - (FLOATING_M if self.points else 0.0)
+
+    def _origin_m(self, name: str) -> float:
+        """How high the origin is above the body's middle [m]: 0, unless it would then stand deep in the table."""
+        if self.points or name in self._picked:
+            return 0.0
+        lowest = float(np.median([pose.position[2] for pose in self._poses(name)])) - self.table_m
+        half = self.shapes[name].size_m[2] / 2
+        return lowest - half if -ORIGIN_M <= lowest < half - ORIGIN_M else 0.0
+
+    def _body(self, name: str) -> Body:
+        shape = self.shapes[name]
+        if not self.points and self._contains(name):
+            return Body(shape, "open_box")
+        graspable = any(sorted(self.shapes[other].size_m) == sorted(shape.size_m) for other in self._picked)
+        return Body(shape, stroke_m=max(STROKE_M, min(shape.size_m[:2])) if graspable else STROKE_M)
 
     @cached_property
     def _picked(self) -> set[str]:
         return {action.object for d in self.demonstrations for action in d.actions if action.type == "pick"}
 
-    def _contains(self, name: str, shape: ObjectShape) -> bool:
+    def _contains(self, name: str) -> bool:
         """Whether something came to rest within the shape of an object that nobody picked."""
-        assert self.scene is not None
-        half = np.array(shape.size_m) / 2
-        up = self._up(name)
+        half_x, half_y, half_z = (size / 2 for size in self.shapes[name].size_m)
         for inner, pose in self._rests_in(name):
-            height = float(np.dot(up, pose.position))
-            lowest = height - min(self.scene.objects[inner].size_m) / 2
-            if lowest < float(np.dot(np.abs(up), half)) - INSIDE_M and bool((np.abs(pose.position) < half).all()):
+            x, y, z = self._into(name).apply(pose.position)
+            lowest = z - self.shapes[inner].size_m[2] / 2
+            if abs(x) < half_x and abs(y) < half_y and lowest < half_z - INSIDE_M:
                 return True
         return False
 
@@ -230,16 +250,7 @@ class Stage:
         room = np.array(WORKSPACE_M)
         fits = (low >= room[:, 0] - REACH_M).all() and (high <= room[:, 1] + REACH_M).all()
         x, y = (0.0, 0.0) if fits else (room.mean(axis=1) - (low + high) / 2).tolist()
-        return (x, y, -self._table_m())
-
-    def _table_m(self) -> float:
-        """The table's height [m] in the base: what stands lowest stands on it."""
-        bottoms = [
-            min(pose.position[2] - self.bodies[name].half_height for name, pose in begin.items())
-            for begin in self.begins
-            if begin
-        ]
-        return float(np.median(bottoms)) - (FLOATING_M if self.points else 0.0)
+        return (x, y, -self.table_m)
 
     # -- the hand ----------------------------------------------------------------------------------------------------
 

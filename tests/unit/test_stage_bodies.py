@@ -82,6 +82,15 @@ def test_objects_are_points_where_a_shape_is_not_known() -> None:
     assert world.table.on("box") == set()
 
 
+def test_an_origin_at_the_bottom_of_a_box_is_not_taken_for_its_middle() -> None:
+    low = {**START, "box": at(0.6, 0.0, z=0.0, yaw=0.3)}
+    stage = Stage([shown(Put("A", "box", (0.05, 0.0, 0.03)), start=low)])
+    assert stage.origins_m == pytest.approx({"A": 0.0, "B": 0.0, "box": -0.04}, abs=1e-6)
+    assert stage.bodies["box"].kind == "open_box"
+    assert stage.starts[0].spots["box"].z == pytest.approx(0.04)
+    assert stage.point("box", (0.05, 0.0, 0.03)) == pytest.approx((0.05, 0.0, -0.01))
+
+
 def test_a_demonstration_that_the_stage_does_not_reproduce_is_left_out_with_the_reason() -> None:
     floating = shown(Put("A", BASE, (0.5, 0.2, 0.3)))
     stage = Stage([replace(shown(Put("A", "box", IN_BOX)), demonstration_id="good"), floating])
