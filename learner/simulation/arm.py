@@ -1,6 +1,6 @@
 """The Franka Panda of pybullet_data in a physics world: joint motors, fingers, and what it touches.
 
-Its fingers are made for cubes that stand close together in boxes: slimmer than the maker's, and longer.
+Its hand is made for cubes that stand close together and in boxes: slimmer than the maker's, with longer fingers.
 """
 
 from __future__ import annotations
@@ -26,8 +26,11 @@ FINGER_SPEED_M_PER_S: Final = 0.08
 OPEN_WIDTH_M: Final = 0.08
 TOOL_LINK: Final = 11
 GRIPPER_LINKS: Final = (8, *FINGER_JOINTS)
-FINGER_M: Final = (0.018, 0.008, 0.05 + FINGERS_LONGER_M)
+FINGER_M: Final = (0.018, 0.006, 0.05 + FINGERS_LONGER_M)
 """The size of a finger: across, thickness, length."""
+PALM_M: Final = (0.06, 0.09, 0.092)
+"""The size of the hand above the fingers, in the same axes."""
+MAKERS_PALM: Final = re.compile(r'<collision>\s*<geometry>\s*<mesh filename="\S*collision/hand\.obj"/>')
 MAKERS_FINGER: Final = re.compile(
     r'(?:<origin rpy="0 0 3\.14159265359" xyz="0 0 0"/>\s*)?<geometry>\s*<mesh filename="\S*collision/finger\.obj"/>'
 )
@@ -169,6 +172,9 @@ def _description() -> str:
         )
 
     text, count = MAKERS_FINGER.subn(ours, text)
+    text, palms = MAKERS_PALM.subn(
+        '<collision><origin xyz="0 0 0.02"/><geometry><box size="{} {} {}"/>'.format(*PALM_M), text
+    )
     text = text.replace('xyz="0 0 0.105"', f'xyz="0 0 {0.105 + FINGERS_LONGER_M}"')
-    assert count == 2  # the file is part of an installed package of a known version
+    assert (count, palms) == (2, 1)  # the file is part of an installed package of a known version
     return text

@@ -29,8 +29,8 @@ GRASP_M: Final = 0.01
 GRASP_RAD: Final = math.radians(15)
 GRIP_FORCE_N: Final = 100.0
 FINGER_PLAY_M: Final = 0.002
-ROOM_M: Final = 0.024
-"""Between the open fingers and what they take or leave, both sides together: a little more than a good grasp needs."""
+ROOM_M: Final = 0.018
+"""Between the open fingers and what they take or leave, both sides together: about what a good grasp needs."""
 COVER_M: Final = 0.01
 """The fingers may close by so much above or below the middle of a cube and still cover its sides."""
 TABLE: Final = "the table"
@@ -40,7 +40,7 @@ LOOK_STEPS: Final = 4
 """How often it is looked whether anything moves."""
 GLIDE_STEPS: Final = 48
 """So many steps pass at once where nothing moves but an arm far from everything."""
-HAND_M: Final = 0.13
+HAND_M: Final = 0.08
 """No part of the hand is further than this to the side of `tool0` [m] ..."""
 FINGERTIP_M: Final = 0.02
 """... or below it [m]."""

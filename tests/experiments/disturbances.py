@@ -17,7 +17,7 @@ from learner.simulation.arena import Arena
 from learner.simulation.gravity import GIVE_M, Spot
 from learner.simulation.kinematics import WORKSPACE_M
 
-from .scenarios import Goal, Relation, Rests, Scenario
+from .scenarios import Goal, Relation, Rests, Scenario, Step
 
 T = TypeVar("T")
 Happening = Callable[[Arena, Scenario, np.random.Generator], str | None]
@@ -201,12 +201,23 @@ def can_be_done(world: Arena, scenario: Scenario, beyond: bool, actions_left: in
     """Whether every place of a goal is in reach, not in the air, and free: of everything, or of what cannot be moved.
 
     In the air is a place whose reference was put on top of something; no demonstration tells where that belongs. And
-    whether any robot could do it in so many actions.
+    whether any robot could do it in so many actions, and what is placed on the way is in reach as well.
     """
-    return any(
+    return any(_way_in_reach(world, script) for script in scenario.scripts) and any(
         _goal_can_be_done(world, scenario, goal, beyond) and least_actions(world, scenario, goal) <= actions_left
         for goal in scenario.goals
     )
+
+
+def _way_in_reach(world: Arena, script: tuple[Step, ...]) -> bool:
+    """Whether every place of a script is in reach if it is done from here."""
+    moved: dict[str, Spot] = {}
+    for step in script:
+        frame = moved.get(step.frame) or world.spot(step.frame)
+        there = moved[step.object] = frame.compose(Spot(*step.at, step.yaw or 0.0))
+        if not world.reaches((there.x, there.y, there.z)):
+            return False
+    return True
 
 
 def least_actions(world: Arena, scenario: Scenario, goal: Goal) -> int:

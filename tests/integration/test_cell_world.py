@@ -77,13 +77,13 @@ def test_a_grasp_within_a_centimetre_and_fifteen_degrees_of_a_face_holds(
 
 
 @pytest.mark.parametrize(
-    "misses", [{"across": 0.018}, {"along": 0.0115}, {"yaw": 0.4}, {"yaw": math.pi / 4}, {"up": 0.035}], ids=str
+    "misses", [{"across": 0.018}, {"across": 0.0115}, {"yaw": 0.4}, {"yaw": math.pi / 4}, {"up": 0.035}], ids=str
 )
 def test_a_worse_grasp_does_not_hold(world: World, misses: dict[str, float]) -> None:
     outcome = pick(world, "A", **misses)
 
     assert outcome.status == "failure"
-    assert "A is not held" in str(outcome.reason)
+    assert str(outcome.reason).startswith(("A is not held", "contact with A"))  # at 45 degrees it does not fit between
     assert world.held is None
     world.run(0.5)
     assert world.pose_in_base("A").position[2] < 0.05
