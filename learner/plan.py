@@ -10,7 +10,9 @@ from typing import Any
 from learner.executables import Executables
 from learner.groups import Group, Step
 from learner.learned import main_id
-from learner.model import Drop, Node, Place, Tree
+from learner.model import Drop, InGripper, Node, Place, Tree
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
+from learner.model.tree import fallback, leaf, sequence
 from learner.parameters import Parameters
 from learner.recovery import Recovery
 from learner.repairs import NOTHING, Repairs
@@ -55,6 +57,17 @@ class Plan:
     def placements(self) -> Mapping[Target, Place | Drop]:
         """How each target is reached, as it was demonstrated."""
         return self._actions().placements
+
+    @cached_property
+    def goal(self) -> Node:
+        """Where a tree may say SUCCESS: all that holds at the end of some group, with the paper's radii."""
+        widest = {Place: PLACE_RADIUS_M, Drop: DROP_RADIUS_M}
+        ways = []
+        for group in self.understood.groups:
+            reached = [self.placements[step.target] for step in group.steps]
+            relations = [leaf(replace(place.achieves, radius=widest[type(place)])) for place in reached]
+            ways.append(sequence(*relations, *([leaf(InGripper(group.held))] if group.held else [])))
+        return fallback(*ways)
 
     def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
         """The goals of each group as the tree pursues them."""

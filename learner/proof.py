@@ -173,16 +173,17 @@ def prove(
     task: Node | None = None,
     exhaustive: int = EXHAUSTIVE,
     sampled: int = SAMPLED,
+    at_once: bool = True,
 ) -> Certificate:
     """Check a tree from every abstract state, or, where there are more than `exhaustive`, from `sampled` of them.
 
     States that are only reached from others are checked with them. The tree is taken at its word that its SUCCESS is
-    the goal, unless `task` is given: a node that, ticked, says SUCCESS where the task is done, and only there.
+    the goal, unless `task` is given: a node that, ticked, says SUCCESS where the task is done. Then the tree may say so
+    only there; and, if `at_once`, must.
     """
     root = tree.flattened()
-    return Arena(AbstractWorld(base_frame, *([root, task] if task else [root])), rng, exhaustive, sampled).prove(
-        root, task
-    )
+    world = AbstractWorld(base_frame, *([root, task] if task else [root]))
+    return Arena(world, rng, exhaustive, sampled).prove(root, task, at_once)
 
 
 class Arena:
@@ -204,9 +205,9 @@ class Arena:
         fewer.starts, fewer.whole = starts, self.whole and len(starts) == len(self.starts)
         return fewer
 
-    def prove(self, root: Node, task: Node | None = None) -> Certificate:
+    def prove(self, root: Node, task: Node | None = None, at_once: bool = True) -> Certificate:
         """The certificate of a flattened tree; see the function of this name."""
-        exploration = _Exploration(self.world, Program(root), Program(task) if task else None)
+        exploration = _Exploration(self.world, Program(root), Program(task) if task else None, at_once)
         bound, example = None, exploration.follow(self.starts)
         if example is None:
             bound, example = exploration.bound()
@@ -216,8 +217,8 @@ class Arena:
 class _Exploration:
     """The states reached so far, and where one tick leads from each."""
 
-    def __init__(self, world: AbstractWorld, program: Program, task: Program | None) -> None:
-        self.world, self.program, self.task = world, program, task
+    def __init__(self, world: AbstractWorld, program: Program, task: Program | None, at_once: bool) -> None:
+        self.world, self.program, self.task, self.at_once = world, program, task, at_once
         self.known = Keys(world)
         self.parts: list[States] = []
         self.keys: list[NDArray[Any]] = []
@@ -264,13 +265,14 @@ class _Exploration:
             return self._in_words(ticks.states, unready[0], f"it begins {_word(leaf)}, for which the hand is not ready")
         if len(failing):
             return self._in_words(ticks.states, failing[0], f"nothing can be done, {NOT_TO_THE_GOAL}")
-        return self._misjudged(ticks) if self.task else None
+        return self._misjudged(ticks)
 
     def _misjudged(self, ticks: Ticks) -> str | None:
-        """Where the tree's SUCCESS is not the task's."""
-        assert self.task is not None
+        """Where the tree ends before the task is done, or, if that is asked for, goes on though it is."""
+        if self.task is None:
+            return None
         done, ends = Ticks(self.world, ticks.states, self.task).status == SUCCESS, ticks.status == SUCCESS
-        early, late = np.flatnonzero(ends & ~done), np.flatnonzero(~ends & done)
+        early, late = np.flatnonzero(ends & ~done), np.flatnonzero(~ends & done & self.at_once)
         if len(early):
             return self._in_words(ticks.states, early[0], "it ends before the task is done")
         return self._in_words(ticks.states, late[0], "it goes on though the task is done") if len(late) else None

@@ -26,7 +26,7 @@ from learner.users import success_without
 
 def proven(learned: Learned, base_frame: str) -> Learned:
     """With the certificate of its tree, and a note if there is a counterexample."""
-    certificate = _certificate(learned.tree, base_frame)
+    certificate = _certificate(learned.tree, base_frame, learned.plan)
     return replace(learned, certificate=certificate.to_data(), notes=(*learned.notes, *_unproven(certificate)))
 
 
@@ -93,13 +93,13 @@ class _Trial:
 
     def _last_proven(self, found: Sequence[Attempt]) -> _Tried:
         for attempt in reversed(found):
-            certificate = _certificate(attempt.tree, self.stage.base)
+            certificate = _certificate(attempt.tree, self.stage.base, self.first.plan)
             if certificate.counterexample is None or attempt is found[0]:
                 return self._completed(attempt, certificate)
         raise AssertionError("there is no attempt")
 
     def _completed(self, attempt: Attempt, certificate: Certificate | None = None) -> _Tried:
-        certificate = certificate or _certificate(attempt.tree, self.stage.base)
+        certificate = certificate or _certificate(attempt.tree, self.stage.base, self.first.plan)
         return _Tried(attempt, certificate, replay(attempt.tree, self.stage, self.goals))
 
     def _made(self, repairs: Repairs) -> Tree:
@@ -116,8 +116,10 @@ class _Trial:
         return Lessons(self.plan.placements, self.plan.nearest_m, self.plan.orders, self.goals(self.stage))
 
 
-def _certificate(tree: Tree, base_frame: str) -> Certificate:
-    return prove(tree, base_frame, np.random.default_rng(0))
+def _certificate(tree: Tree, base_frame: str, plan: Plan | None) -> Certificate:
+    """The proof that the tree reaches what it says, and, where there is a plan, that this is the plan's goal."""
+    goal = plan.goal if plan else None
+    return prove(tree, base_frame, np.random.default_rng(0), goal, at_once=False)
 
 
 def _unproven(certificate: Certificate) -> tuple[str, ...]:

@@ -29,7 +29,8 @@ MOST: Final = 120
 """Of more mutants, so many are drawn with a seed."""
 LARGE: Final = 20_000
 MOST_OF_LARGE: Final = 40
-"""So many mutants of trees with more abstract states than LARGE, a proof of which takes seconds."""
+ROUNDS_OF_LARGE: Final = 2
+"""So many mutants and rounds for trees with more abstract states than LARGE, a proof of which takes seconds."""
 HEAD: Final = ("task", "states", "all of them", "most actions", "counterexample", "mutants", "behave otherwise",
                "refused", "as good", "worse, not refused")  # fmt: skip
 
@@ -50,10 +51,10 @@ def proofs_table(names: Iterable[str]) -> str:
 
 def _bitten(scenario: Scenario, tree: Tree, proven: Certificate) -> Iterator[tuple[str, Teeth | None]]:
     """The mutants of the tree, and of its SubTrees that only recover; none if it is not proven itself."""
-    most = MOST_OF_LARGE if proven.states > LARGE else MOST
+    most, rounds = (MOST_OF_LARGE, ROUNDS_OF_LARGE) if proven.states > LARGE else (MOST, ROUNDS)
     for part, recovery in (("", False), (", recovery", True)):
         sound = proven.counterexample is None
-        yield part, teeth(tree, BASE, failures(scenario), recovery, most) if sound else None
+        yield part, teeth(tree, BASE, failures(scenario, rounds), recovery, most) if sound else None
 
 
 def _proof(proven: Certificate) -> tuple[object, ...]:
