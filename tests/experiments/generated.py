@@ -113,7 +113,7 @@ class _Draft:
         if not goal or not self._all_lasting():
             return None
         scripts, goals, least = self._ways(goal)
-        free = len(goals) == 1 and not any(_bound(a, b) for a, b in combinations(self.steps, 2))
+        free = len(goals) == 1 and not any(self._bound(a, b) for a, b in combinations(self.steps, 2))
         return Scenario(name, self.objects, scripts, goals, self._start(), any_order=free, least=least)
 
     # -- what there is -------------------------------------------------------------------------------------------
@@ -335,7 +335,7 @@ class _Draft:
             return (script, other), (goal, self.goal(other)), 6
         if lot < 0.55 or len({step.object for step in script}) < len(script):
             return (script,), (goal,), 3
-        orders = dict.fromkeys((script, *(_shuffled(script, self.rng) for _ in range(2))))
+        orders = dict.fromkeys((script, *(self._shuffled(script) for _ in range(2))))
         return tuple(orders), (goal,), 3
 
     def _otherwise(self, script: tuple[Step, ...]) -> tuple[Step, ...] | None:
@@ -348,18 +348,16 @@ class _Draft:
         moved = replace(script[number], at=(x, y, script[number].at[2]))
         return (*script[:number], moved, *script[number + 1 :])
 
+    def _shuffled(self, script: tuple[Step, ...]) -> tuple[Step, ...]:
+        """The steps in another order in which each still finds what it needs."""
+        left, result = list(script), []
+        while left:
+            free = [b for number, b in enumerate(left) if not any(self._bound(a, b) for a in left[:number])]
+            result.append(free[int(self.rng.integers(len(free)))])
+            left.remove(result[-1])
+        return tuple(result)
 
-def _bound(a: Step, b: Step) -> bool:
-    """Whether two steps keep their order: one moves what the other moves or stands by."""
-    return a.object in (b.object, b.frame) or b.object == a.frame
-
-
-def _shuffled(script: tuple[Step, ...], rng: np.random.Generator) -> tuple[Step, ...]:
-    """The steps in another order in which each still finds what it needs."""
-    left, result = list(script), []
-    while left:
-        free = [step for number, step in enumerate(left) if not any(_bound(other, step) for other in left[:number])]
-        step = free[int(rng.integers(len(free)))]
-        left.remove(step)
-        result.append(step)
-    return tuple(result)
+    def _bound(self, a: Step, b: Step) -> bool:
+        """Whether two steps keep their order: one moves what the other moves, stands by, or lies upon at the start."""
+        piled = {a.object, b.object} <= set(self.stack)
+        return piled or a.object in (b.object, b.frame) or b.object == a.frame
