@@ -226,28 +226,32 @@ def _can_be_done(world: Arena, goals: Sequence[Goal], picks: frozenset[str]) -> 
 def _can_be_reached(goal: Goal, world: Arena, picks: frozenset[str]) -> bool:
     if not all(_near(world, relation.object) for relation in goal.relations):
         return False
-    table = goal.reached_in(world)
+    table, here = goal.reached_in(world), world.table
     meanwhile = [relation for relation in goal.grounded if relation not in goal.relations]
+    aside = picks - set(goal.objects)
     return all(
-        _can_hold(relation, table, world, goal.place(relation, world), picks) for relation in goal.relations
-    ) and (
-        all(
-            _can_hold(r, world.table, world, world.spot(r.frame).compose(Spot(*r.position, 0.0)), picks)
-            for r in meanwhile
-        )
-    )
+        _can_hold(relation, table, world, goal.place(relation, world), aside) for relation in goal.relations
+    ) and all(_can_hold(r, here, world, world.spot(r.frame).compose(Spot(*r.position, 0.0)), picks) for r in meanwhile)
 
 
-def _can_hold(relation: Relation, table: Table, world: Arena, there: Spot, picks: frozenset[str]) -> bool:
-    """Whether an object can be brought to its place `there`, and stays on what `table` has there."""
+def _can_hold(relation: Relation, table: Table, world: Arena, there: Spot, aside: frozenset[str]) -> bool:
+    """Whether an object can be brought to its place `there`, and stays on what `table` has there.
+
+    What can be put `aside` does not matter.
+    """
     if not world.reaches((there.x, there.y, there.z)):
         return False
     if isinstance(relation, ObjectRoughlyAt) or isinstance(world.table, Points):
         return True
     hull = table.footprint(relation.object, there)
-    others = table.obstacles({relation.object, relation.frame, *picks})
-    blocked = (b.overlaps(hull, -CLEAR_M) and b.top > hull.bottom + GIVE_M and b.bottom < hull.top for b in others)
-    return not any(blocked) and hull.bottom <= table.support_m(relation.object, there) + GIVE_M
+    others = table.obstacles({relation.object, relation.frame, *aside})
+    blocked = any(
+        block.overlaps(hull, 0.0 if world.bodies[block.name].graspable else -CLEAR_M)
+        and block.top > hull.bottom + GIVE_M
+        and block.bottom < hull.top - GIVE_M
+        for block in others
+    )
+    return not blocked and hull.bottom <= table.support_m(relation.object, there) + GIVE_M
 
 
 def _bottom(table: Table, name: str) -> float:

@@ -83,10 +83,11 @@ class Start:
 class Stage:
     """The stage of demonstrations of one task.
 
-    `bodies`: an object within which something came to rest is an open box, any other a block; what was picked can be
-    grasped, and so can its like and what is small. `starts`: of the demonstrations whose releases the stage reproduces;
-    `left_out` gives the reason for each other one. Without a scene objects are points. `turns` take an object's frame
-    to that of its upright body, `origins_m` is how high its origin lies in that, whose own is in the middle.
+    `bodies`: an object within which something lay or came to rest is an open box, any other a block; what was picked
+    can be grasped, and so can its like and what is small. `starts`: of the demonstrations whose releases the stage
+    reproduces; `left_out` gives the reason for each other one. Without a scene objects are points. `turns` take an
+    object's frame to that of its upright body, `origins_m` is how high its origin lies in that, whose own is in the
+    middle.
     """
 
     def __init__(self, demonstrations: Sequence[Demonstration]) -> None:
@@ -227,7 +228,7 @@ class Stage:
         return {action.object for d in self.demonstrations for action in d.actions if action.type == "pick"}
 
     def _contains(self, name: str) -> bool:
-        """Whether something came to rest within the shape of an object that nobody picked."""
+        """Whether something lay or came to rest within the shape of an object that nobody picked."""
         half_x, half_y, half_z = (size / 2 for size in self.shapes[name].size_m)
         for inner, pose in self._rests_in(name):
             x, y, z = self._into(name).apply(pose.position)
@@ -237,11 +238,14 @@ class Stage:
         return False
 
     def _rests_in(self, name: str) -> Iterator[tuple[str, Pose]]:
-        """What was let go in the frame of an object that nobody picked, and where it came to rest."""
-        for demonstration in self.demonstrations if name not in self._picked else ():
-            for action in demonstration.actions:
-                if action.rest is not None and name in action.rest:
-                    yield action.object, action.rest[name]
+        """What lay or came to rest in the frame of an object that nobody picked, and where."""
+        for begin, demonstration in zip(self.begins, self.demonstrations, strict=True):
+            if name not in self._picked:
+                for world in (begin, demonstration.final):
+                    others = [other for other in self.names if other != name and other in world and name in world]
+                    yield from ((other, world[name].inverse() @ world[other]) for other in others)
+                rests = ((action.object, action.rest) for action in demonstration.actions if action.rest is not None)
+                yield from ((other, rest[name]) for other, rest in rests if name in rest)
 
     def _shift(self) -> Vector:
         """From the demonstrations' base to the stage's [m]: the table down to 0, the middle into the workspace."""
