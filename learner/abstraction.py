@@ -39,7 +39,7 @@ UPON_M: Final = (0.02, 0.08)
 """How much higher an object's origin lies than that of the one it covers."""
 CHUNK: Final = 40_000
 """So many states are looked at together: their columns stay in the processor's cache."""
-X, Y, Z, RAISED = range(4)
+X, Y, Z, LEVEL, RAISED = range(5)
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
@@ -87,8 +87,8 @@ class Layout:
     """How things lie to one another in many states; a row an object, then one for the base and each fixed frame.
 
     `roots` (rows, n): what a chain of frames ends at, which is an object that is away or held, the base or a fixed
-    frame. `offsets` (4, rows, n): the position from there [m], and upon how many objects that can be grasped one lies
-    in the chain (RAISED).
+    frame. `offsets` (5, rows, n): the position from there [m], and upon how many objects one lies in the chain, of any
+    kind (LEVEL) and of those that can be grasped (RAISED).
     """
 
     roots: NDArray[np.int32]
@@ -129,6 +129,8 @@ class AbstractWorld:
         self.movable = [self.index[name] for name in self.objects if name in self.grasps]
         self.places = {name: self._places_of(name, leaves) for name in self.objects}
         self.sizes = [FIRST_PLACE + len(self.places[name]) for name in self.objects]
+        self.left_out: str | None = None
+        """Which states `states` has left out although they might be: piles that recovery does not take down."""
 
     def _places_of(self, name: str, leaves: Sequence[Node]) -> list[Place]:
         """The distinct places of an object; of a pile in one frame only the lowest, the others follow."""
@@ -171,15 +173,16 @@ class AbstractWorld:
 
     @cached_property
     def _steps(self) -> tuple[NDArray[np.int32], Floats]:
-        """For each object and location its frame (itself where the chain ends), and the offset (4, …) from there."""
+        """For each object and location its frame (itself where the chain ends), and the offset (5, …) from there."""
         most = max(self.sizes, default=FIRST_PLACE)
         frames = np.repeat(np.arange(len(self.objects), dtype=np.int32)[:, None], most, axis=1)
-        offsets = np.zeros((4, len(self.objects), most), dtype=np.float32)
+        offsets = np.zeros((5, len(self.objects), most), dtype=np.float32)
         for a, name in enumerate(self.objects):
             for number, place in enumerate(self.places[name], start=FIRST_PLACE):
                 upon = place.position[2] > UPON_M[0]
                 frames[a, number] = self.index[place.frame]
-                offsets[:, a, number] = (*place.position, upon and place.frame in self.grasps)
+                on_object, on_movable = upon and place.frame != self.base_frame, upon and place.frame in self.grasps
+                offsets[:, a, number] = (*place.position, on_object, on_movable)
         return frames, offsets
 
     # -- states ----------------------------------------------------------------------------------------------------
@@ -189,11 +192,11 @@ class AbstractWorld:
         frames, steps = self._steps
         m, n, rows = len(self.objects), len(states), len(self.frames)
         roots = np.repeat(np.arange(rows, dtype=np.int32)[:, None], n, axis=1)
-        offsets = np.zeros((4, rows, n), dtype=np.float32)
+        offsets = np.zeros((5, rows, n), dtype=np.float32)
         for a in range(m):
             roots[a] = frames[a][states.locations[a]]
             offsets[:, a] = steps[:, a][:, states.locations[a]]
-        flat_roots, flat_offsets = roots.reshape(-1), offsets.reshape(4, -1)
+        flat_roots, flat_offsets = roots.reshape(-1), offsets.reshape(5, -1)
         pending = np.flatnonzero((roots[:m] != np.arange(m)[:, None]) & (roots[:m] < m))
         while len(pending):
             ends = flat_roots[pending] * np.intp(n) + pending % n
@@ -223,11 +226,6 @@ class AbstractWorld:
         if len(found) > exhaustive or not whole:
             return _drawn(found, sampled, rng), False
         return found, True
-
-    @property
-    def left_out(self) -> str | None:
-        """Which states count as not possible although they might be: piles that recovery does not take down."""
-        return f"piles of more than {LEVELS + 1} objects" if len(self.movable) > LEVELS + 1 else None
 
     def _laid(self, partial: States, a: int) -> States:
         """The states in which also object a is held or laid somewhere, where it can be."""
@@ -259,26 +257,40 @@ class AbstractWorld:
     def _apart(self, a: int, states: States) -> Bools:
         """In which states none of the first objects up to a are within another, and no pile is too high."""
         layout = self.layout(states)
-        fits = layout.offsets[RAISED].max(axis=0, initial=0) <= LEVELS
+        fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= LEVELS
+        self.left_out = self.left_out if fits.all() else f"piles of more than {LEVELS + 1} objects"
         for b, c in combinations([number for number in self.movable if number <= a], 2):
             fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], OVERLAP_M)
         return np.asarray(fits)
 
     def _carried(self, states: States) -> Bools:
         """In which states every object that needs it has something beneath it."""
+        hanging = [hangs for _, hangs in self._hanging(states)]
+        return np.asarray(~np.any([np.zeros(len(states), bool), *hanging], axis=0))
+
+    def _hanging(self, states: States) -> Iterator[tuple[int, Bools]]:
+        """For each place that may need something beneath it, its object and where that lies there without."""
         layout = self.layout(states)
-        fits = np.ones(len(states), dtype=bool)
-        for a, name in enumerate(self.objects):
-            for number, place in enumerate(self.places[name], start=FIRST_PLACE):
-                if place.frame not in (*self.grasps, self.base_frame):
-                    continue
-                high, beside = self._height_m(place) > UPON_M[1], self._is_beside(place)
-                needs = (states.locations[a] == number) & (high | (beside & self._is_raised(place.frame, layout)))
-                if needs.any():
-                    there = layout.take(needs)
-                    reach_m = SUPPORT_M if beside else OVERLAP_M
-                    fits[needs] = self._is_carried(there.offsets[:3, a], there.roots[a], there, reach_m)
-        return fits
+        for a, number, place in self._in_need:
+            beside = self._is_beside(place)
+            hangs = states.locations[a] == number
+            if beside:
+                hangs &= self._is_raised(place.frame, layout)
+            if hangs.any():
+                there, reach_m = layout.take(hangs), SUPPORT_M if beside else OVERLAP_M
+                hangs[hangs] = ~self._is_carried(there.offsets[:3, a], there.roots[a], there, reach_m)
+                yield a, hangs
+
+    @cached_property
+    def _in_need(self) -> list[tuple[int, int, Place]]:
+        """The places, with their objects and numbers, that are high, or beside what may be raised."""
+        return [
+            (a, number, place)
+            for a, name in enumerate(self.objects)
+            for number, place in enumerate(self.places[name], start=FIRST_PLACE)
+            if place.frame in (*self.grasps, self.base_frame)
+            and (self._height_m(place) > UPON_M[1] or self._is_beside(place))
+        ]
 
     def _height_m(self, place: Place) -> float:
         """How far a place is above the object of its frame [m]; in the base, above the lowest exact place there."""
@@ -357,6 +369,7 @@ class AbstractWorld:
         if node.kind == "Pick":
             locations[a] = HELD
             self._leave_behind(self.objects[a], locations)
+            self._let_fall(States(locations, closed))
         else:
             reached = self._reached(node)
             locations[a] = np.where(self._falls(node, reached, layout), AWAY, reached)
@@ -386,6 +399,14 @@ class AbstractWorld:
             for number, place in enumerate(self.places[name], start=FIRST_PLACE):
                 if place.frame == moved:
                     locations[b, locations[b] == number] = AWAY
+
+    def _let_fall(self, states: States) -> None:
+        """What has lost what was beneath it is away, with all that had its place in its frame."""
+        for a, hangs in self._hanging(states) if self._in_need else ():
+            fallen = states.locations[:, hangs]
+            fallen[a] = AWAY
+            self._leave_behind(self.objects[a], fallen)
+            states.locations[:, hangs] = fallen
 
     def _reached(self, node: Node) -> int:
         """The location that a Place or Drop leads to: the nearest place in its frame, else away."""

@@ -291,15 +291,23 @@ class _Exploration:
         order = np.argsort(keys)
         following = order[np.searchsorted(keys[order], np.concatenate(self.following))]
         source, acts = np.concatenate(self.sources), np.concatenate(self.acts)
-        under_way, count = acts, 0
-        while under_way.any() and count < len(keys):
-            reached = np.zeros(len(keys), dtype=bool)
-            reached[following[under_way[source]]] = True
-            under_way, count = reached & acts, count + 1
-        left = np.flatnonzero(under_way)
-        return count, self._in_a_circle(States.joined(self.parts).take(left[:1])) if len(left) else None
+        settled, count = ~acts, 0
+        while True:
+            blocked = np.zeros(len(keys), dtype=bool)
+            blocked[source[~settled[following]]] = True
+            if (settled == ~blocked).all():
+                break
+            settled, count = ~blocked, count + 1
+        return count, None if settled.all() else self._in_a_circle(source, following, settled)
 
-    def _in_a_circle(self, states: States) -> str:
+    def _in_a_circle(self, source: Ints, following: Ints, settled: Bools) -> str:
+        """A state of a circle, in words: where one comes from an unsettled one in very many steps."""
+        onward = np.arange(len(settled))
+        endless = ~settled[following]
+        onward[source[endless]] = following[endless]
+        for _ in range(len(settled).bit_length()):
+            onward = onward[onward]
+        states = States.joined(self.parts).take(onward[~settled][:1])
         ticks = Ticks(self.world, states, self.program)
         leaf = self.program.leaves[ticks.action[0]]
         return self._in_words(states, 0, f"it goes on with {_word(leaf)}, {NOT_TO_THE_GOAL}")
