@@ -22,7 +22,9 @@ from learner.parameters import Parameters
 from learner.samples import Sample, candidate_frames, positions_in
 
 LIKELY = 0.02
-"""A frame with at least this posterior probability may stand in for one that the task keeps rigid with it."""
+"""What an object rests upon stands in for a frame that the task keeps rigid with it from this probability on, ..."""
+COMPARABLE = 0.25
+"""... another frame only if it has at least this share of the chosen one's."""
 LOST_M = 0.04
 """An object further than this from where it rested in a frame has not kept its place in that frame."""
 
@@ -340,9 +342,10 @@ class TargetFinder:
         """
         base = self._sample(target.members[0]).base_frame
         samples = [self._sample(number) for number in target.members]
-        alike = [frame for frame, share in target.frames.items() if frame in tied and share > LIKELY]
-        if target.upon and target.upon[0] in alike:
+        if target.upon and target.upon[0] in tied and target.frames.get(target.upon[0], 0.0) > LIKELY:
             return target.upon[0]
+        enough = COMPARABLE * target.frames[target.frame]
+        alike = [frame for frame, share in target.frames.items() if frame in tied and share > enough]
         if target.frame == base or self._away(target.frame, samples) < self.parameters.contact_m:
             return target.frame
         near = [frame for frame in alike if frame != base and self._away(frame, samples) < self.parameters.contact_m]

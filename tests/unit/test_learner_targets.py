@@ -108,3 +108,16 @@ def test_a_last_move_that_happens_to_be_short_is_part_of_the_task() -> None:
     understood = understand(shown, Parameters())
     assert {(t.frame, len(t.members)) for t in understood.targets if t.object == "A"} == {("box", 4), (BASE, 4)}
     assert len(understood.groups) == 1
+
+
+def test_the_base_stands_in_for_a_frame_far_away_only_where_the_evidence_speaks_for_both() -> None:
+    script: Script = [Put("A", BASE, (0.5, 0.0, TABLE_M)), Put("B", "A", (0.17, 0.0, 0.0))]
+    chosen = set()
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        shown = [scripted(scattered(["A", "B"], rng), script, f"d{n}", rng=rng, hand_m=0.004) for n in range(3)]
+        (target,) = (t for t in understand(shown, Parameters()).targets if t.object == "B")
+        assert target.tied | {target.frame} == {"A", BASE}
+        assert target.frames[target.frame] > 0.2
+        chosen.add(target.frame)
+    assert BASE in chosen
