@@ -61,7 +61,8 @@ class PhysicalWorld:
     """Bodies on a table, a Panda, a camera; implements `learner.simulation.arena.Arena`. A context manager.
 
     bodies, spots: what there is and where it stands, within `reaches`. `noise` is that of each single look of the
-    camera, which is all that conditions and skills get. What is graspable is a cube to the fingers.
+    camera, which is all that conditions and skills get. What is graspable is a cube to the fingers. `table` is a
+    picture of where everything stands now, taken as upright; what is laid there moves nothing.
     """
 
     def __init__(
@@ -84,8 +85,8 @@ class PhysicalWorld:
         self._cell = CellState(base_frame, scenarios.TOOL)
         self._under_way: _UnderWay | None = None
         self._conditions: dict[int, tuple[Node, Condition]] = {}
-        self._table: Table | None = None
         self._hand_is_clear = True
+        self._now_ns = 0
         self._perceive()
 
     def __enter__(self) -> Self:
@@ -97,14 +98,6 @@ class PhysicalWorld:
         self._world.__exit__(kind, error, trace)
 
     # -- what is true --------------------------------------------------------------------------------------------
-
-    @property
-    def table(self) -> Table:
-        """Where everything stands now, taken as upright. A picture to be read: what is laid there moves nothing."""
-        if self._table is None:
-            spots = {name: Spot.of(pose) for name, pose in self._world.shown().items()}
-            self._table = Table(self.bodies, spots, self._rng)
-        return self._table
 
     def spot(self, name: str) -> Spot:
         """Where an object or the base frame really is."""
@@ -226,8 +219,10 @@ class PhysicalWorld:
                 world.step()
 
     def _perceive(self) -> None:
-        now_ns, shown = (self.steps + 1) * PERIOD_NS, self._world.shown()
-        self._table = Table(self.bodies, {name: Spot.of(pose) for name, pose in shown.items()}, self._rng)
+        """Look at everything: by the truth for `table`, through the camera for the robot."""
+        self._now_ns += PERIOD_NS
+        now_ns, shown = self._now_ns, self._world.shown()
+        self.table = Table(self.bodies, {name: Spot.of(pose) for name, pose in shown.items()}, self._rng)
         for name, pose in self._world.camera.observe(shown).items():
             self._cell.update_pose(name, now_ns, pose)
         self._cell.update_pose(scenarios.TOOL, now_ns, self._world.arm.tool_pose)
@@ -275,13 +270,13 @@ class PhysicalWorld:
         self._settle()
 
     def _settle(self) -> None:
-        """Let things come to rest; the arm waits, and no time is counted."""
+        """Let things come to rest, and the camera look again; the arm waits, and no time is counted."""
         world = self._world
         activity, now_s, world.activity = world.activity, world.time_s, None
         while not world.at_rest and world.time_s < now_s + SETTLED_S:
             world.step()
         world.activity, world.time_s = activity, now_s
-        self._table = None
+        self._perceive()
 
 
 def _as_simulated(body: Body) -> scenarios.Body:
