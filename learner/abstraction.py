@@ -277,8 +277,8 @@ class AbstractWorld:
             if beside:
                 hangs &= self._is_raised(place.frame, layout)
             if hangs.any():
-                there, reach_m = layout.take(hangs), SUPPORT_M if beside else OVERLAP_M
-                hangs[hangs] = ~self._is_carried(there.offsets[:3, a], there.roots[a], there, reach_m)
+                there, frame = layout.take(hangs), place.frame if beside else None
+                hangs[hangs] = ~self._is_carried(there.offsets[:3, a], there.roots[a], there, frame)
                 yield a, hangs
 
     @cached_property
@@ -309,9 +309,16 @@ class AbstractWorld:
     def _is_raised(self, frame: str, layout: Layout) -> Bools:
         return np.asarray(layout.offsets[RAISED, self.index[frame]] > 0)
 
-    def _is_carried(self, spot: Floats, root: NDArray[np.int32], layout: Layout, reach_m: float) -> Bools:
-        """Whether any object lies right below a spot."""
-        return np.asarray(np.any([layout.below(b, spot, root, reach_m) for b in self.movable], axis=0))
+    def _is_carried(self, spot: Floats, root: NDArray[np.int32], layout: Layout, beside: str | None = None) -> Bools:
+        """Whether any object lies right below a spot; `beside` another, one on the level below that one's."""
+        reach_m = SUPPORT_M if beside else OVERLAP_M
+        carried = np.zeros(len(root), dtype=bool)
+        for b in self.movable:
+            below = layout.below(b, spot, root, reach_m)
+            if beside:
+                below &= layout.offsets[RAISED, b] == layout.offsets[RAISED, self.index[beside]] - 1
+            carried |= below
+        return carried
 
     # -- leaves ----------------------------------------------------------------------------------------------------
 
@@ -428,7 +435,7 @@ class AbstractWorld:
         if place is None or not self._is_beside(place):
             return np.zeros(layout.roots.shape[1], dtype=bool)
         root, spot = self._spot(node, place.position, layout)
-        return self._is_raised(place.frame, layout) & ~self._is_carried(spot, root, layout, SUPPORT_M)
+        return self._is_raised(place.frame, layout) & ~self._is_carried(spot, root, layout, place.frame)
 
 
 def _drawn(states: States, count: int, rng: np.random.Generator) -> States:
