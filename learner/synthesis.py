@@ -73,12 +73,16 @@ class _Builder:
         return (fallback(*tests, first),)
 
     def _choice_of(self, steps: Sequence[Step], done: Sequence[Step]) -> Sequence[Node]:
-        """One of several steps; room for the first is made as `_steps` does it."""
+        """One of several steps; guards that all share stand once, room for the first is made as `_steps` does it."""
         first, *others = steps
         tests = [self._condition(step) for step in steps]
+        if first.guards and {step.guards for step in others} == {first.guards}:
+            guards, known = self._steps(first.guards, done), (*done, *first.guards)
+            chains = [sequence(*self._room(step, known), *self._placed(step)) for step in steps]
+            return (fallback(*tests, sequence(*guards, fallback(*chains, reactive=False)), reactive=False),)
         room = () if first.guards else self._room(first, done, others)
         chain = self._chain(first, done) if first.guards else sequence(*self._placed(first))
-        chains = (chain, *(self._chain(step, done) for step in others))
+        chains = [chain, *(self._chain(step, done) for step in others)]
         return (*room, fallback(*tests, *chains, reactive=False))
 
     def _bound(self, middles: Sequence[Sequence[Step]]) -> int:
