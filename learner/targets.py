@@ -25,6 +25,8 @@ LIKELY = 0.02
 """What an object rests upon stands in for a frame that the task keeps rigid with it from this probability on, ..."""
 COMPARABLE = 0.25
 """... another frame only if it has at least this share of the chosen one's."""
+CUBE_M = 0.05
+"""Distances between objects are those between the middles of cubes of this size."""
 LOST_M = 0.04
 """An object further than this from where it rested in a frame has not kept its place in that frame."""
 
@@ -238,10 +240,10 @@ class TargetFinder:
         return odds * (1.1 - gap_m) if gap_m < self.parameters.contact_m else 1 / odds
 
     def _gap_m(self, frame: str, samples: Sequence[Sample]) -> float:
-        """How far the object's origin rests from the other one: from its surface where its size is known."""
+        """How far the object's origin rests from the other one: as if that were a cube as near as its size lets."""
         scene = self.demonstrations[samples[0].demonstration].scene
         shape = scene.objects.get(frame) if scene else None
-        half = np.array(shape.size_m) / 2 if shape else np.zeros(3)
+        half = np.maximum(np.array(shape.size_m) - CUBE_M, 0.0) / 2 if shape else np.zeros(3)
         rests = np.abs([sample.rest(frame).position for sample in samples])
         return float(np.median(np.linalg.norm(np.maximum(rests - half, 0.0), axis=1)))
 
