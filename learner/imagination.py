@@ -61,10 +61,11 @@ class Rollout:
         return f"from the start of demonstration {self.demonstration_id}{self.with_ and ' with ' + self.with_}"
 
 
-def imagined(stage: Stage, goals: Sequence[Goal], picks: frozenset[str]) -> Iterator[Rollout]:
+def imagined(stage: Stage, goals: Sequence[Goal], picks: frozenset[str], seed: int = 0) -> Iterator[Rollout]:
     """The rollouts: from the demonstrations' starts, and from changed ones in which the task can still be done.
 
-    `picks` are the objects that the tree can put aside. Among points nothing is in the way of anything.
+    `picks` are the objects that the tree can put aside. Among points nothing is in the way of anything. Another `seed`
+    imagines otherwise.
     """
     starts = [start for start in stage.starts if _can_be_done(stage.world(start.spots, _rng(0)), goals, picks)]
     yield from (Rollout(start.demonstration_id, start.spots) for start in starts[:SHOWN])
@@ -72,7 +73,7 @@ def imagined(stage: Stage, goals: Sequence[Goal], picks: frozenset[str]) -> Iter
     for number, (kind, count) in enumerate(KINDS.items() if starts else ()):
         for index in range(count):
             if not stage.points or kind in ("taken", "moved"):
-                made = makers.make(kind, index, starts[index % len(starts)], _rng(number + 2, index))
+                made = makers.make(kind, index, starts[index % len(starts)], _rng(seed, number + 2, index))
                 yield from [made] if made else []
 
 

@@ -111,12 +111,15 @@ class Rehearsal:
         }
 
 
-def rehearse(tree: Tree, stage: Stage, goals: Sequence[Goal]) -> Rehearsal:
-    """Run a tree in all rollouts; each has noise of its own, drawn from its number."""
+def rehearse(tree: Tree, stage: Stage, goals: Sequence[Goal], seed: int = 0) -> Rehearsal:
+    """Run a tree in all rollouts; each has noise of its own, drawn from its number.
+
+    Another `seed` gives rollouts that a tree was not repaired by.
+    """
     root = stage.root(tree.flattened())
     picks = frozenset(str(node.port("object")) for node in root.walk() if node.kind == "Pick")
     actor = Actor(root)
-    runs = enumerate(imagined(stage, goals, picks))
+    runs = enumerate(imagined(stage, goals, picks, seed), start=1000 * seed)
     return Rehearsal(stage, tuple(perform(rollout, actor, stage, goals, number) for number, rollout in runs))
 
 

@@ -9,8 +9,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -19,6 +19,7 @@ from learner.model import Drop, Place, Tree
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.rehearsal import RELEASES, Outcome, Rehearsal
 from learner.rounding import rounded
+from learner.simulation.gravity import Body
 from learner.targets import Target
 
 ROUNDS: Final = 3
@@ -77,32 +78,41 @@ class Attempt:
 
 def attempts(
     first: Tree, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal],
-    propose: Callable[[Sequence[Outcome], Repairs], Repairs],
+    propose: Callable[[Sequence[Outcome], Repairs], Sequence[Repairs]],
 ) -> list[Attempt]:  # fmt: skip
     """The first tree, then each repaired one that rehearses better than all before it.
 
-    One that is as good is repaired further, if its failures teach more; one that is worse is not.
+    Of the repairs proposed the first is taken that makes it no worse; one that is as good is repaired further, if its
+    failures teach more.
     """
     last = Attempt(first, NOTHING, rehearse(first))
     found = [last]
     for _ in range(ROUNDS):
-        repairs = last.repairs | propose(last.rehearsal.failures, last.repairs)
-        if repairs == last.repairs:
+        options = (last.repairs | option for option in propose(last.rehearsal.failures, last.repairs))
+        tried = (_attempt(repairs, plan, rehearse) for repairs in options if repairs != last.repairs)
+        better = next((one for one in tried if one.rehearsal.share >= last.rehearsal.share), None)
+        if better is None:
             break
-        tree = plan(repairs)
-        last = Attempt(tree, repairs, rehearse(tree))
-        if last.rehearsal.share < found[-1].rehearsal.share:
-            break
-        if last.rehearsal.share > found[-1].rehearsal.share:
-            found.append(last)
+        found += [better] if better.rehearsal.share > last.rehearsal.share else []
+        last = better
     return found
+
+
+def _attempt(repairs: Repairs, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal]) -> Attempt:
+    tree = plan(repairs)
+    return Attempt(tree, repairs, rehearse(tree))
+
+
+def _sensible(pairs: Set[tuple[Target, str]]) -> frozenset[tuple[Target, str]]:
+    """Without what is placed itself, and what it is placed upon."""
+    return frozenset((target, name) for target, name in pairs if name not in (target.object, target.frame))
 
 
 class Lessons:
     """Proposes repairs for the failures of one plan.
 
     `placements` and the distance [m] to the `nearest` other place are by target; `orders` are the targets of each group
-    as they are pursued now, given what is repaired; `goals` what was rehearsed.
+    as they are pursued now, given what is repaired; `goals` what was rehearsed; `bodies` what can be in the way.
     """
 
     def __init__(
@@ -111,12 +121,28 @@ class Lessons:
         nearest_m: Mapping[Target, float],
         orders: Callable[[Repairs], Sequence[Sequence[Target]]],
         goals: Sequence[Goal],
+        bodies: Mapping[str, Body],
     ) -> None:
-        self.placements, self.nearest_m, self.orders, self.goals = placements, nearest_m, orders, goals
+        self.placements, self.nearest_m, self.orders = placements, nearest_m, orders
+        self.goals, self.bodies = goals, bodies
         self.known = NOTHING
 
-    def of(self, failures: Sequence[Outcome], known: Repairs = NOTHING) -> Repairs:
-        """The repairs that failed runs of a tree speak for, which was made with those `known`."""
+    def of(self, failures: Sequence[Outcome], known: Repairs = NOTHING) -> Sequence[Repairs]:
+        """The repairs that failed runs of a tree speak for, which was made with those `known`.
+
+        First with what holds of one object and place taken to hold of all objects that are alike and all places in the
+        same frame, then of the one place only, then as it was seen.
+        """
+        seen = self._seen(failures, known)
+        here = {(target, other) for target, name in seen.widened for other in self._alike(name)}
+        there = {(other, name) for target, name in here for other in self.placements if other.frame == target.frame}
+        return [replace(seen, widened=seen.widened | _sensible(pairs)) for pairs in (there, here, set())]
+
+    def _alike(self, name: str) -> list[str]:
+        size = self.bodies[name].shape.size_m
+        return [other for other, body in self.bodies.items() if body.shape.size_m == size]
+
+    def _seen(self, failures: Sequence[Outcome], known: Repairs) -> Repairs:
         found, self.known = NOTHING, known
         for outcome in failures:
             for repair in (*self._contacts(outcome), *self._undone(outcome), *self._radii(outcome)):
@@ -125,8 +151,8 @@ class Lessons:
 
     def _contacts(self, outcome: Outcome) -> Iterator[Repairs]:
         for (kind, name, frame, reason), times in sorted(outcome.failing.items()):
-            met = reason.removeprefix("contact with ")
-            if kind in RELEASES and met != reason and times >= OFTEN:
+            met = reason.removeprefix("contact with ").split(" ")[0]
+            if kind in RELEASES and reason.startswith("contact") and met in self.bodies and times >= OFTEN:
                 yield from (self._contact(target, met, outcome) for target in self._targets(name, frame))
 
     def _contact(self, target: Target, met: str, outcome: Outcome) -> Repairs:

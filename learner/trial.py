@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from learner.model import Demonstration, Tree
 from learner.parameters import Parameters
 from learner.plan import Plan
 from learner.proof import Certificate, prove
-from learner.rehearsal import rehearse
+from learner.rehearsal import Outcome, Rehearsal, rehearse
 from learner.repairs import NOTHING, Attempt, Lessons, Repairs, attempts
 from learner.replay import Replay, replay
 from learner.stage import Stage
@@ -84,7 +83,8 @@ class _Trial:
         """The last proven attempt; if its replay fails, what that teaches is tried too."""
         found = attempts(self.first.tree, self._made, self._rehearsed, self._proposed)
         best = self._last_proven(found)
-        repairs = best.attempt.repairs | self._proposed(best.replay.failures, best.attempt.repairs)
+        seen = self._proposed(best.replay.failures, best.attempt.repairs)
+        repairs = best.attempt.repairs | (seen[-1] if seen else NOTHING)
         if repairs == best.attempt.repairs:
             return best
         tree = self._made(repairs)
@@ -105,15 +105,17 @@ class _Trial:
     def _made(self, repairs: Repairs) -> Tree:
         return self.plan.tree(repairs)
 
-    def _rehearsed(self, tree: Tree) -> Any:
+    def _rehearsed(self, tree: Tree) -> Rehearsal:
         return rehearse(tree, self.stage, self.goals(self.stage))
 
-    def _proposed(self, failures: Any, known: Repairs) -> Repairs:
-        return self._lessons.of(failures, known) if self.first.plan else NOTHING
+    def _proposed(self, failures: Sequence[Outcome], known: Repairs) -> Sequence[Repairs]:
+        return self._lessons.of(failures, known) if self.first.plan else ()
 
     @cached_property
     def _lessons(self) -> Lessons:
-        return Lessons(self.plan.placements, self.plan.nearest_m, self.plan.orders, self.goals(self.stage))
+        return Lessons(
+            self.plan.placements, self.plan.nearest_m, self.plan.orders, self.goals(self.stage), self.stage.bodies
+        )
 
 
 def _certificate(tree: Tree, base_frame: str, plan: Plan | None) -> Certificate:

@@ -90,7 +90,7 @@ def tried(name: str, **weakness: bool | float) -> list[Attempt]:
     """The attempts at repairing a tree that is weakened on purpose."""
     stage, plan, goals = setting(name)
     weak = Weakened(plan.understood, PARAMETERS, {}, **weakness)  # type: ignore[arg-type]  # by name
-    lessons = Lessons(weak.placements, weak.nearest_m, weak.orders, goals)
+    lessons = Lessons(weak.placements, weak.nearest_m, weak.orders, goals, stage.bodies)
     return attempts(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals), lessons.of)
 
 
@@ -130,7 +130,7 @@ def test_an_attempt_that_is_no_better_is_not_kept() -> None:
         plan.tree(),
         lambda _: worse,
         lambda tree: rehearse(tree, stage, goals),
-        lambda *_: Repairs(radii=((target, 0.049),)),
+        lambda *_: [Repairs(radii=((target, 0.049),))],
     )
     assert [attempt.tree for attempt in found] == [plan.tree()]
 
