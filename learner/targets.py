@@ -22,9 +22,7 @@ from learner.parameters import Parameters
 from learner.samples import Sample, candidate_frames, positions_in
 
 LIKELY = 0.02
-"""What an object rests upon stands in for a frame that the task keeps rigid with it from this probability on, ..."""
-COMPARABLE = 0.25
-"""... another frame only if it has at least this share of the chosen one's."""
+"""What an object rests upon stands in for a frame that the task keeps rigid with it from this probability on."""
 CUBE_M = 0.05
 """Distances between objects are those between the middles of cubes of this size."""
 LOST_M = 0.04
@@ -323,35 +321,21 @@ class TargetFinder:
         return 0.4 * (min(scene.objects[frame].size_m) + min(scene.objects[name].size_m))
 
     def _with_ties(self, target: Target, anchors: Sequence[Mapping[str, str]]) -> Target:
-        """Frames whose object the task itself has put in a fixed place relative to the chosen one, or the reverse."""
+        """Frames whose object the task itself has put in a fixed place relative to the chosen one, or the reverse.
+
+        Of those, what the object rests upon is chosen: there it is to lie whatever becomes of the rest.
+        """
         fixed = [anchors[number] for number in target.members]
         tied = {
             frame
             for frame in target.frames
             if frame != target.frame and all(a.get(frame, frame) == a.get(target.frame, target.frame) for a in fixed)
         }
-        frame = self._firmest(target, tied)
-        if frame == target.frame:
+        frame = target.upon[0] if target.upon else target.frame
+        if frame not in tied or target.frames[frame] < LIKELY:
             return replace(target, tied=frozenset(tied))
         moved = self._target(target.members, frame, target.frames, target.context)
         return replace(moved, tied=frozenset(tied | {target.frame}) - {frame})
-
-    def _firmest(self, target: Target, tied: set[str]) -> str:
-        """Of frames that the task keeps rigid the one with the least lever arm: in contact, else the base.
-
-        Far from its origin a frame's own noise of a degree moves a place by centimetres. What an object rests upon
-        comes first: there it is to lie whatever becomes of the rest.
-        """
-        base = self._sample(target.members[0]).base_frame
-        samples = [self._sample(number) for number in target.members]
-        if target.upon and target.upon[0] in tied and target.frames.get(target.upon[0], 0.0) > LIKELY:
-            return target.upon[0]
-        enough = COMPARABLE * target.frames[target.frame]
-        alike = [frame for frame, share in target.frames.items() if frame in tied and share > enough]
-        if target.frame == base or self._away(target.frame, samples) < self.parameters.contact_m:
-            return target.frame
-        near = [frame for frame in alike if frame != base and self._away(frame, samples) < self.parameters.contact_m]
-        return near[0] if near else base if base in alike else target.frame
 
     def _anchors(self, targets: Sequence[Target]) -> list[dict[str, str]]:
         """For every move what each object was fixed to when it was released: alike for all that are rigid by the task.
