@@ -23,7 +23,9 @@ from learner.stage import Stage, Start
 ACTIONS: Final = 12
 """Runs are done while they are expected to take no more actions than this together, but one at least ..."""
 REPLAYS: Final = 2
-"""... and not more than this."""
+"""... and not more than this, unless all of them fail ..."""
+TRIES: Final = 3
+"""... when so many starts are tried in all, before a tree is refused."""
 STEPS_PER_ACTION: Final = 45
 """An action takes the arm about this many periods."""
 GRID_M: Final = 0.05
@@ -83,9 +85,13 @@ def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
     count = max(1, min(REPLAYS, ACTIONS // max(1, *(goal.actions for goal in here))))
     roomy = sorted(range(len(stage.starts)), key=lambda n: not _roomy(stage, stage.starts[n], here))
     shifted = ((number, _within_reach(stage, stage.starts[number], goals)) for number in roomy)
-    stages = list(islice(((number, moved) for number, moved in shifted if moved is not None), count))
-    outcomes = tuple(_run(tree, moved, number, goals(moved)) for number, moved in stages)
-    return Replay(outcomes, None if outcomes else "no demonstration fits into the reach of the simulated arm")
+    stages = ((number, moved) for number, moved in shifted if moved is not None)
+    runs = (_run(tree, moved, number, goals(moved)) for number, moved in stages)
+    outcomes = list(islice(runs, count))
+    while len(outcomes) < TRIES and not any(outcome.done for outcome in outcomes) and (more := next(runs, None)):
+        outcomes.append(more)
+    reason = None if outcomes else "no demonstration fits into the reach of the simulated arm"
+    return Replay(tuple(outcomes), reason)
 
 
 def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> Outcome:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,7 @@ class _Trial:
         certificate = best.certificate.to_data()
         if best.replay.failed:
             certificate["counterexample"] = certificate["counterexample"] or f"replayed {best.replay.failures[0]}"
-        notes = (*self.first.notes, *_unproven(best.certificate), *_said(best))
+        notes = (*self.first.notes, *_unproven(best.certificate), *_said(best), *_unlike(report["users"]))
         return replace(self.first, tree=best.attempt.tree, report=report, notes=notes, certificate=certificate)
 
     def _best(self) -> _Tried:
@@ -130,6 +131,17 @@ def _unproven(certificate: Certificate) -> tuple[str, ...]:
     return (
         f"the tree is not proven; it may get only the alias latest: from a state with {certificate.counterexample}",
     )
+
+
+def _unlike(users: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence on each user of whom nothing was said yet, and who does otherwise than the others' tree mostly."""
+    told = [user for user in users if user["success_without"] and not user["sentence"]]
+    counts = [(user["user"], *map(int, user["success_without"].split(" of "))) for user in told]
+    return [
+        f"the tree of the others does what user {name} did from {done} of {count} starts"
+        for name, done, count in counts
+        if 2 * done < count
+    ]
 
 
 def _said(best: _Tried) -> tuple[str, ...]:
