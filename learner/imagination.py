@@ -178,7 +178,7 @@ class _Imagination:
             return spot is not None
 
         due = int(rng.integers(1, STEPS_PER_ACTION * self.goals[0].actions))
-        return replace(rollout, with_="what is held taken away", event=take, due=due)
+        return replace(rollout, with_="what is held taken away", event=take, due=due, in_the_way=1)
 
     def _moved(self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int) -> Rollout | None:
         """Something is moved elsewhere meanwhile."""

@@ -81,6 +81,8 @@ def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
     """Run a tree from the first demonstrations' starts that the arm can do."""
     if stage.points:
         return Replay(reason="no demonstration tells the shapes of all objects")
+    if not stage.starts:
+        return Replay(reason="the stage reproduces no demonstration")
     here = goals(stage)
     count = max(1, min(REPLAYS, ACTIONS // max(1, *(goal.actions for goal in here))))
     roomy = sorted(range(len(stage.starts)), key=lambda n: not _roomy(stage, stage.starts[n], here))
@@ -131,7 +133,7 @@ def _within_reach(stage: Stage, start: Start, goals: Goals) -> Stage | None:
     world = stage.world(start.spots, np.random.default_rng(0))
     here = goals(stage)
     needed = [goal.place(relation, world) for goal in here for relation in (*goal.relations, *goal.meanwhile)]
-    needed += [start.spots[name] for goal in here for name in goal.objects]
+    needed += [start.spots[name] for goal in here for name in (*goal.objects, *([goal.held] if goal.held else []))]
     steps = GRID_M * np.arange(-SHIFTS, SHIFTS + 1)
     shifts = np.array(np.meshgrid(steps, steps)).reshape(2, -1).T
     points = np.array([(spot.x, spot.y) for spot in needed]) + shifts[:, None]

@@ -15,11 +15,12 @@ import pytest
 from experiments.demonstrator import demonstrated
 from experiments.scenarios import SCENARIOS
 from experiments.users import FOURTEEN
+from support_demonstrations import Take, repeated
 from support_recordings import object_in_box
 
 from learner.learned import Learned
 from learner.learning import METHODS, learn
-from learner.model import Demonstration
+from learner.model import Demonstration, ObjectShape, Scene
 from learner.parameters import Parameters
 from learner.plan import Plan
 from learner.trial import tried
@@ -107,6 +108,14 @@ def test_without_a_scene_there_is_no_replay_and_the_manifest_says_so(store: Arti
     assert report["replay"]["reason"] == "no demonstration tells the shapes of all objects"
     assert report["rehearsal"]["world"] == "points"
     assert report["rehearsal"]["done"] == report["rehearsal"]["rollouts"] > 0
+
+
+def test_a_task_that_ends_with_something_held_is_rehearsed_and_replayed() -> None:
+    cube = ObjectShape((0.05, 0.05, 0.05), "cube")
+    demonstrations = repeated(["A", "B"], [[Take("A")]] * 3, scene=Scene({"A": cube, "B": cube}))
+    report = learn(demonstrations, rehearsed=True).report
+    assert report["rehearsal"]["done"] == report["rehearsal"]["rollouts"] > 10
+    assert {run["verdict"] for run in report["replay"]["runs"]} == {"done"}
 
 
 def test_the_plain_methods_tree_is_judged_too_but_not_repaired() -> None:
