@@ -105,7 +105,7 @@ def on_goal(world: Arena, scenario: Scenario, rng: np.random.Generator) -> str |
         away = free_spot(world, relation.object, rng)
         if there and away:
             world.lay(relation.object, away)
-        spot = world.spot(relation.frame).compose(Spot(*relation.at, 0.0))
+        spot = world.spot(relation.frame).compose(Spot(*relation.at, relation.yaw))
         if _is_free(world, name, spot, 0.0, {*_ungraspable(scenario), relation.frame}):
             world.lay(name, spot)
             return f"{name} was put where {relation.object} belongs"
@@ -272,10 +272,10 @@ def _goal_needs_recovery(world: Arena, scenario: Scenario, goal: Goal) -> bool:
 
 def _place(world: Arena, goal: Goal, relation: Relation) -> Spot:
     """Where the object of a relation shall be once the goal is reached; frames that are placed too come first."""
-    at = relation.at if isinstance(relation, Rests) else (0.0, 0.0, 0.0)
+    there = Spot(*relation.at, relation.yaw) if isinstance(relation, Rests) else Spot(0.0, 0.0, 0.0, 0.0)
     frame = next((other for other in goal if other.object == relation.frame), None)
     origin = _place(world, goal, frame) if frame else world.spot(relation.frame)
-    return origin.compose(Spot(*at, 0.0))
+    return origin.compose(there)
 
 
 def _occupants(world: Arena, scenario: Scenario, goal: Goal, relation: Relation) -> set[str]:
@@ -318,9 +318,12 @@ def _is_free(world: Arena, name: str, spot: Spot, gap: float, ignored: set[str])
 
 def _put(world: Arena, scenario: Scenario, relation: Relation, rng: np.random.Generator) -> bool:
     """Put an object where a relation wants it, if the place is free; whether it holds now."""
-    at = relation.at if isinstance(relation, Rests) else (*rng.uniform(-0.05, 0.05, 2).tolist(), 0.0)
+    if isinstance(relation, Rests):
+        there = Spot(*relation.at, relation.yaw)
+    else:
+        there = Spot(*rng.uniform(-0.05, 0.05, 2).tolist(), 0.0, 0.0)
     memory = world.remember()
-    world.lay(relation.object, world.spot(relation.frame).compose(Spot(*at, 0.0)))
+    world.lay(relation.object, world.spot(relation.frame).compose(there))
     if scenario.holds(relation, world.table.spots):
         return True
     world.recall(memory)

@@ -319,7 +319,7 @@ class _Draft:
         if step.verb == "drop":
             return Inside(step.object, step.frame)
         upon = step.at[:2] == (0.0, 0.0)
-        return Rests(step.object, step.frame, step.at, 0.03 if upon else 0.05)
+        return Rests(step.object, step.frame, step.at, 0.03 if upon else 0.05, step.yaw or 0.0)
 
     def _all_lasting(self) -> bool:
         """Whether no object ends where only a frame that has moved on would tell why."""

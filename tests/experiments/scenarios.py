@@ -50,12 +50,16 @@ class Step:
 
 @dataclass(frozen=True)
 class Rests:
-    """A relation that must hold in the world: the origin of `object` within `radius_m` of `at` in `frame`, released."""
+    """A relation that must hold in the world: the origin of `object` within `radius_m` of `at` in `frame`, released.
+
+    `yaw` is how it is turned when somebody puts it there; what is placed beside it goes by that.
+    """
 
     object: str
     frame: str
     at: Vector
     radius_m: float = 0.05
+    yaw: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -230,7 +234,7 @@ def _outside(scenario: Scenario, spots: Mapping[str, Spot], a: str, b: str) -> f
 
 def _as_steps(goal: Goal) -> tuple[Step, ...]:
     """A goal straight away, without what a script does on the way; goals are written from below."""
-    return tuple(Step("place", r.object, r.frame, r.at) for r in goal if isinstance(r, Rests))
+    return tuple(Step("place", r.object, r.frame, r.at, r.yaw) for r in goal if isinstance(r, Rests))
 
 
 def _worth_showing(spots: Mapping[str, Spot], script: tuple[Step, ...]) -> bool:
