@@ -160,7 +160,7 @@ class Recovery:
         """How to grasp each object that was picked, and with a scene each that a gripper can be thought to span."""
         picks = {name: self.actions.pick(name) for name in self.actions.grasps}
         scene = self.actions.scene
-        seen = {name for d in self.demonstrations for name in d.initial}
+        seen = {name for d in self.demonstrations for name in d.first_seen}
         uprights = {
             name: Upright(shape, self._up(name)) for name, shape in sorted(scene.objects.items()) if name in seen
         } if scene else {}  # fmt: skip
@@ -205,7 +205,7 @@ class Recovery:
     def _up(self, name: str) -> Array:
         """The direction (3,), in the object's frame, that points up in the base on average."""
         quaternions = [
-            pose.quaternion_xyzw for d in self.demonstrations for pose in (d.initial.get(name),) if pose is not None
+            pose.quaternion_xyzw for d in self.demonstrations for pose in (d.first_seen.get(name),) if pose is not None
         ]
         up = rotate(conjugate(np.array(quaternions)), np.array([0.0, 0.0, 1.0])).mean(axis=0)
         norm = float(np.linalg.norm(up))
@@ -313,7 +313,12 @@ class Recovery:
         task itself needs, and from one another.
         """
         seen = np.array(
-            [d.initial[name].position[:2] for d in self.demonstrations for name in d.initial if name in self.picks]
+            [
+                d.first_seen[name].position[:2]
+                for d in self.demonstrations
+                for name in d.first_seen
+                if name in self.picks
+            ]
         )
         outside = np.linalg.norm(seen - np.median(seen, axis=0), axis=1)
         inside = seen[np.argsort(outside, kind="stable")[: max(SPOTS, round(INNER * len(seen)))]]
@@ -326,7 +331,7 @@ class Recovery:
 
     def _pose_on_table(self, name: str, spot: Array) -> Pose:
         """The pose of an object that stands on the table, a little raised, oriented as it was first seen."""
-        poses = [d.initial[name] for d in self.demonstrations if name in d.initial]
+        poses = [d.first_seen[name] for d in self.demonstrations if name in d.first_seen]
         lowest = min(poses, key=lambda pose: pose.position[2])
         height = min(self._initial_heights(name))
         return Pose.of((spot[0], spot[1], height + RAISED_M), lowest.quaternion_xyzw)
@@ -339,7 +344,9 @@ class Recovery:
             for other in self.picks
             if other == name or (scene and scene.objects.get(other) == scene.objects.get(name))
         ]
-        return [d.initial[other].position[2] for d in self.demonstrations for other in alike if other in d.initial]
+        return [
+            d.first_seen[other].position[2] for d in self.demonstrations for other in alike if other in d.first_seen
+        ]
 
     def _spot_is_free(self) -> Node:
         """No object is near the spot at the port `position`, no wide one near the points around it."""

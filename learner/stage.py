@@ -94,7 +94,7 @@ class Stage:
         self.demonstrations = demonstrations
         self.base = demonstrations[0].base_frame
         self.scene = scene_of(demonstrations)
-        self.begins = [_begin(demonstration) for demonstration in demonstrations]
+        self.begins = [demonstration.first_seen for demonstration in demonstrations]
         self.names = sorted({name for begin in self.begins for name in begin})
         self.turns = {name: _turned_up(self._up(name)) for name in self.names}
         self.shapes = {name: self._standing(name) for name in self.names}
@@ -333,12 +333,6 @@ class Stage:
 
     def _off(self, away_m: float, rest: Spot, shown: Spot, near_m: float) -> bool:
         return not self.points and (away_m > near_m or abs(rest.z - shown.z) > near_m)
-
-
-def _begin(demonstration: Demonstration) -> dict[str, Pose]:
-    """Where each object was when it was first seen."""
-    worlds = [demonstration.initial, *(action.objects for action in demonstration.actions)]
-    return {name: pose for world in reversed(worlds) for name, pose in world.items()}
 
 
 def _ups(poses: Sequence[Pose]) -> Array:

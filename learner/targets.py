@@ -304,7 +304,7 @@ class TargetFinder:
     def _raised(self, samples: Sequence[Sample]) -> bool:
         """Whether the object rests higher than where it begins: a box's floor does not raise it, a cube does."""
         name = samples[0].action.object
-        begins_m = min(each.initial[name].position[2] for each in self.demonstrations if name in each.initial)
+        begins_m = min(d.first_seen[name].position[2] for d in self.demonstrations if name in d.first_seen)
         rests_m = [s.action.rest[s.base_frame].position[2] for s in samples if s.action.rest is not None]
         return bool(np.median(rests_m) - begins_m > self.parameters.tight_m)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from learner.model.pose import Pose, Vector
@@ -79,3 +80,9 @@ class Demonstration:
     warnings: tuple[str, ...] = ()
     gaps: tuple[str, ...] = ()
     """Sentences about messages lost near an action; learning leaves such a demonstration out unless told."""
+
+    @cached_property
+    def first_seen(self) -> Mapping[str, Pose]:
+        """The pose in the base of every object when it was first seen: at the beginning, else at the next action."""
+        worlds = [self.initial, *(action.objects for action in self.actions)]
+        return {name: pose for world in reversed(worlds) for name, pose in world.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -179,6 +180,13 @@ def test_a_demonstration_that_found_a_part_done_belongs_to_the_whole_goal() -> N
     found = learn(shown(script, count=4))
     assert [group["demonstrations"] for group in found.report["groups"]] == [["d000", "d001", "d002", "d003"]]
     assert found.tree.nodes == 23
+
+
+def test_objects_that_are_first_seen_when_they_are_picked_are_learned_alike() -> None:
+    cube, box = ObjectShape((0.05, 0.05, 0.05), "cube"), ObjectShape((0.3, 0.2, 0.1), "box")
+    demonstrations = shown([A_IN_BOX, B_IN_BOX], scene=Scene({"A": cube, "B": cube, "box": box}))
+    hidden = [replace(demonstration, initial={}) for demonstration in demonstrations]
+    assert learn(hidden).tree.nodes == learn(demonstrations).tree.nodes
 
 
 def test_only_picking_is_a_task_and_works_from_anywhere() -> None:
