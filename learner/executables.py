@@ -15,6 +15,8 @@ from learner.rounding import rounded, rounded_pose, rounded_vector
 from learner.symmetry import mean_in_object, mean_of_object, robust_mean, upright_axis
 from learner.targets import Target
 
+RAISED = 0.7
+"""A radius is at most this share of the lowest object's height: what stands upon another is not in its place."""
 RELEASE_CLEARANCE_M = 0.005
 """How far above its rest an object is let go where the operator's label of a drop was corrected to a placement."""
 
@@ -84,7 +86,15 @@ class Executables:
         sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
         wide = p.least_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
         apart = 0.49 * self.nearest_m.get(target, np.inf)
-        return rounded(max(p.least_radius_m, min(p.place_radius_m, wide, apart)))
+        return rounded(max(p.least_radius_m, min(p.place_radius_m, wide, apart, RAISED * self._lowest_m())))
+
+    def _lowest_m(self) -> float:
+        """The height [m] of the lowest object that is picked, as it stands; infinite where no scene tells it."""
+        known = self.scene.objects if self.scene else {}
+        return min(
+            (known[name].size_m[int(np.argmax(np.abs(axis)))] for name, axis in self.axes.items() if name in known),
+            default=np.inf,
+        )
 
     def _drop_radius(self, target: Target) -> float:
         """The paper's, but not wider than the container dropped into, where its shape is known."""

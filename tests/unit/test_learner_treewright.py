@@ -302,6 +302,14 @@ def test_stacked_cubes_are_told_apart_by_their_radii() -> None:
     assert all(0.02 <= radius < 0.026 for radius in radii(found))
 
 
+@pytest.mark.parametrize("height_m", [0.05, 0.03])
+def test_what_stands_upon_another_object_is_not_in_its_place_even_after_one_demonstration(height_m: float) -> None:
+    cube = ObjectShape((0.05, 0.05, height_m))
+    found = learn(shown([Put("B", "base", (0.4, 0.2, 0.0))], count=1, scene=Scene({"A": cube, "B": cube})))
+    (condition,) = leaves(found, "ObjectAt")
+    assert float(str(condition.port("radius"))) < height_m - 0.01
+
+
 def test_radii_follow_the_spread_and_never_exceed_the_papers() -> None:
     def sloppy(number: int, _: dict[str, Pose]) -> Script:
         x, y = np.random.default_rng(number).normal(0.0, 0.012, 2).tolist()
