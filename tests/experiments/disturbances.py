@@ -201,21 +201,24 @@ def can_be_done(world: Arena, scenario: Scenario, beyond: bool, actions_left: in
     """Whether every place of a goal is in reach, not in the air, and free: of everything, or of what cannot be moved.
 
     In the air is a place whose reference was put on top of something; no demonstration tells where that belongs. And
-    whether any robot could do it in so many actions, and what is placed on the way is in reach as well.
+    whether any robot could do it in so many actions, and what is placed on the way has its places open as well.
     """
-    return any(_way_in_reach(world, script) for script in scenario.scripts) and any(
+    return any(_way_is_open(world, scenario, script) for script in scenario.scripts) and any(
         _goal_can_be_done(world, scenario, goal, beyond) and least_actions(world, scenario, goal) <= actions_left
         for goal in scenario.goals
     )
 
 
-def _way_in_reach(world: Arena, script: tuple[Step, ...]) -> bool:
-    """Whether every place of a script is in reach if it is done from here."""
+def _way_is_open(world: Arena, scenario: Scenario, script: tuple[Step, ...]) -> bool:
+    """Whether every place of a script is in reach, and free of what cannot be moved, if it is done from here."""
+    fixed = world.table.obstacles(_cubes(scenario))
     moved: dict[str, Spot] = {}
     for step in script:
         frame = moved.get(step.frame) or world.spot(step.frame)
         there = moved[step.object] = frame.compose(Spot(*step.at, step.yaw or 0.0))
-        if not world.reaches((there.x, there.y, there.z)):
+        hull = world.table.footprint(step.object, there)
+        blocked = any(b.overlaps(hull) and b.top > hull.bottom + GIVE_M and b.bottom < hull.top for b in fixed)
+        if blocked or not world.reaches((there.x, there.y, there.z)):
             return False
     return True
 
