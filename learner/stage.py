@@ -20,7 +20,7 @@ from learner.executables import scene_of
 from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, Pose
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
 from learner.model.tree import Value
-from learner.simulation.gravity import Body, Spot, Table
+from learner.simulation.gravity import WALL_M, Body, Spot, Table
 from learner.simulation.kinematics import NOISELESS, REACH_M, WORKSPACE_M, KinematicWorld, Noise
 
 POINT: Final = ObjectShape((0.02, 0.02, 0.02), "vertical")
@@ -232,8 +232,9 @@ class Stage:
         half_x, half_y, half_z = (size / 2 for size in self.shapes[name].size_m)
         for inner, pose in self._rests_in(name):
             x, y, z = self._into(name).apply(pose.position)
-            lowest = z - self.shapes[inner].size_m[2] / 2
-            if abs(x) < half_x and abs(y) < half_y and lowest < half_z - INSIDE_M:
+            width, depth, height = self.shapes[inner].size_m
+            fits = min(half_x, half_y) > min(width, depth) / 2 + WALL_M
+            if fits and abs(x) < half_x and abs(y) < half_y and -half_z < z < half_z - INSIDE_M + height / 2:
                 return True
         return False
 

@@ -81,9 +81,9 @@ class _Trial:
         return replace(self.first, tree=best.attempt.tree, report=report, notes=notes, certificate=certificate)
 
     def _best(self) -> _Tried:
-        """The last proven attempt; if its replay fails, what that teaches is tried too."""
+        """The best attempt; if its replay fails, what that teaches is tried too."""
         found = attempts(self.first.tree, self._made, self._rehearsed, self._proposed)
-        best = self._last_proven(found)
+        best = self._best_proven(found)
         seen = self._proposed(best.replay.failures, best.attempt.repairs)
         repairs = best.attempt.repairs | (seen[-1] if seen else NOTHING)
         if repairs == best.attempt.repairs:
@@ -92,12 +92,15 @@ class _Trial:
         other = self._completed(Attempt(tree, repairs, self._rehearsed(tree)))
         return max(best, other, key=lambda one: one.better)
 
-    def _last_proven(self, found: Sequence[Attempt]) -> _Tried:
-        for attempt in reversed(found):
-            certificate = _certificate(attempt.tree, self.stage.base, self.first.plan)
-            if certificate.counterexample is None or attempt is found[0]:
-                return self._completed(attempt, certificate)
-        raise AssertionError("there is no attempt")
+    def _best_proven(self, found: Sequence[Attempt]) -> _Tried:
+        """The best rehearsed attempt if it is proven, or if the first is not proven either; else the first."""
+        first, best = found[0], found[-1]
+        certificate = _certificate(best.tree, self.stage.base, self.first.plan)
+        if certificate.counterexample is None or best is first:
+            return self._completed(best, certificate)
+        other = _certificate(first.tree, self.stage.base, self.first.plan)
+        one_proven = other.counterexample is None
+        return self._completed(first, other) if one_proven else self._completed(best, certificate)
 
     def _completed(self, attempt: Attempt, certificate: Certificate | None = None) -> _Tried:
         certificate = certificate or _certificate(attempt.tree, self.stage.base, self.first.plan)

@@ -64,6 +64,13 @@ def test_what_something_was_put_upon_is_no_box() -> None:
     assert stage.bodies["box"].kind == "block"
 
 
+def test_what_stands_upon_another_is_no_box_for_what_is_below() -> None:
+    board = ObjectShape((0.03, 0.03, 0.02))
+    start = {**START, "board": at(0.4, 0.3, z=0.01), "A": at(0.4, 0.3, z=0.045)}
+    stage = Stage([shown(Put("B", "box", IN_BOX), start=start, scene=Scene({**SCENE.objects, "board": board}))])
+    assert stage.bodies["A"].kind == "block"
+
+
 def test_what_was_picked_can_be_grasped_however_wide_and_so_can_its_like() -> None:
     wide = ObjectShape((0.12, 0.12, 0.05))
     stage = Stage([shown(Put("A", BASE, (0.5, 0.2, 0.025)), scene=Scene({**SCENE.objects, "A": wide, "B": wide}))])
