@@ -59,7 +59,7 @@ def demonstrate(scenario: Scenario, rng: np.random.Generator, user: User = EXPER
         script = _script(scenario, user, number, rng)
         hand = _Hand(scenario, user, script, rng)
         hand.do()
-        if hand.collided is None and (user.scripts or scenario.reached(hand.world.table.spots, hand.world.held)):
+        if hand.mishap is None and (user.scripts or scenario.reached(hand.world.table.spots, hand.world.held)):
             return hand.recording(number)
     raise RuntimeError(f"{user.name} never manages {scenario.name}; look at the scenario's tolerances")
 
@@ -94,7 +94,8 @@ class _Hand:
         self.poses: dict[str, list[tuple[float, float, float, float]]] = {name: [] for name in (TOOL, *spots)}
         self.gripper: list[GripperSample] = []
         self.presses: list[ActionPress] = []
-        self.collided: str | None = None
+        self.mishap: str | None = None
+        """The first that it met or failed to grasp."""
 
     def do(self) -> None:
         """All of it."""
@@ -134,6 +135,7 @@ class _Hand:
         self._approach(self._missed(replace(spot, z=spot.z + self.user.grasp_height_m, yaw=yaw)))
         self._press("pick", name)
         self.world.close()
+        self.mishap = self.mishap or (None if self.world.held == name else name)
         self._after()
 
     def _quarters(self, name: str) -> float:
@@ -146,7 +148,7 @@ class _Hand:
         held = self.world.hand_spot.relative(self.world.spot(step.object))
         turned = replace(target, z=0.0).compose(replace(_inverse(held), z=0.0))
         self._approach(self._missed(replace(turned, z=target.z - held.z), level=step.verb == "place"))
-        self.collided = self.collided or self.world.met_by_held()
+        self.mishap = self.mishap or self.world.met_by_held()
         self._press(step.verb, step.object)
         self.world.open()
         self._after()

@@ -54,6 +54,15 @@ def test_demonstrations_are_a_function_of_the_seed() -> None:
     assert {d.sha256 for d in first}.isdisjoint(d.sha256 for d in other)
 
 
+@pytest.mark.parametrize(("name", "seed"), [("hanoi", (1000, 25)), ("placed_twice", (1005, 4))])
+def test_a_demonstration_in_which_a_grasp_misses_begins_again(name: str, seed: tuple[int, int]) -> None:
+    """With these seeds the hand closes upon nothing in the first attempt."""
+    recording = demonstrate(SCENARIOS[name], np.random.default_rng(seed), number=seed[1])
+    widths_m = [sample.width_m for sample in recording.gripper if sample.state == "closed"]
+    assert widths_m
+    assert all(width_m for width_m in widths_m)
+
+
 @pytest.mark.parametrize("user", FOURTEEN, ids=named)
 def test_each_of_the_fourteen_demonstrates(user: User) -> None:
     demonstrations = demonstrated(FOURTEEN_SCENARIO, 3, 1, (user,))
