@@ -16,6 +16,8 @@ from learner.model.pose import Array, cross, multiply
 
 STROKE_M: Final = 0.08
 """What is wider in both directions is not grasped unless it was demonstrated: a parallel gripper opens about so far."""
+SQUARE_M: Final = 0.01
+"""Sides that differ by less are alike to a gripper."""
 UPRIGHT: Final = 0.999
 """Two axes whose cosine is above this are one."""
 
@@ -45,8 +47,13 @@ class Upright:
 
     @property
     def fits(self) -> bool:
-        """Whether a gripper spans it in either direction."""
-        return self.sides_m[0] > 0.0 and self.sides_m[1] <= STROKE_M
+        """Whether a gripper spans it in one direction."""
+        return 0.0 < self.sides_m[0] <= STROKE_M
+
+    @property
+    def square(self) -> bool:
+        """Whether a gripper may as well close across the other side."""
+        return self.sides_m[1] - self.sides_m[0] < SQUARE_M
 
     def distance_m(self, other: Upright) -> float:
         """How much two shapes differ as they stand [m]."""
@@ -70,6 +77,12 @@ def borrowed_grasp(of: Upright, grasps: Mapping[str, Pose], known: Mapping[str, 
     share = float(np.array(grasp.position) @ model.up) / max(model.height_m, 1e-9)
     turn = _turn(model.up, of.up)
     return Pose.of(of.up * share * of.height_m, multiply(turn, np.array(grasp.quaternion_xyzw)))
+
+
+def quarter_turned(grasp: Pose, up: Array) -> Pose:
+    """The grasp turned by a quarter about the upright axis (3,) of the object: the same one, where that is square."""
+    quarter = Pose.of((0.0, 0.0, 0.0), np.append(np.sin(np.pi / 4) * up, np.cos(np.pi / 4)))
+    return quarter @ grasp
 
 
 def _turn(a: Array, b: Array) -> Array:

@@ -97,6 +97,10 @@ class _NoRecovery(Recovery):
         """Nothing."""
         return ()
 
+    def otherwise(self, *_: Any, **__: Any) -> Sequence[Node]:
+        """Nothing."""
+        return ()
+
 
 def in_order(group: Group, repairs: Repairs) -> tuple[Step, ...]:
     """The steps, each that is to come before another moved before it; what contradicts itself stays as it is."""

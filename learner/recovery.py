@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from learner.executables import Executables
-from learner.grasps import Upright, borrowed_grasp
+from learner.grasps import Upright, borrowed_grasp, quarter_turned
 from learner.groups import Step
 from learner.model import Condition, Definition, Demonstration, InGripper, Node, ObjectAt, Pick, Place, Pose, SetGripper
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, GripperIs, ObjectRoughlyAt
 from learner.model.names import distinct_identifiers
-from learner.model.pose import Array, conjugate, rotate
+from learner.model.pose import Array, conjugate, cross, rotate
 from learner.model.tree import RECOVERY_PREFIX, Value, fallback, leaf, sequence, subtree
 from learner.rounding import rounded, rounded_pose, rounded_vector
 from learner.targets import Target
@@ -43,6 +43,9 @@ WIDE_M = 0.12
 """Objects that are wider keep a spot from being free within their reach, not only near their origin."""
 RAISED_M = 0.003
 """What is put aside is let go this much above the table."""
+
+BESIDE_M = 0.015
+"""What rests further from the upright axis of an object is beside it, not upon it."""
 
 RING, RING_M = 6, 0.16
 """So many points around a spot, at this distance, are looked at for wide objects."""
@@ -85,6 +88,7 @@ class Recovery:
         self.ids = distinct_identifiers({name for d in demonstrations for name in (*d.objects, d.base_frame)})
         self.picks = self._picks()
         self.ups = {name: self._up(name) for name in self.picks}
+        self.turned = self._turned()
         self.covers = self._covers()
         self._definitions: dict[str, Definition] = {}
 
@@ -170,6 +174,48 @@ class Recovery:
                 hand = rounded_pose(grasp)
                 picks[name] = Pick(name, name, hand.position, hand.quaternion_xyzw)
         return picks
+
+    def _turned(self) -> dict[str, Pick]:
+        """The grasps turned by a quarter: of square objects, and of those where the narrow side had to be guessed."""
+        turned = {}
+        scene = self.actions.scene
+        for name, pick in self.picks.items() if scene else ():
+            shape = scene.objects.get(name) if scene else None
+            guessed = name not in self.actions.grasps and shape is not None and not self._upright(name).square
+            if guessed or (shape is not None and shape.symmetry in ("cube", "vertical")):
+                hand = rounded_pose(quarter_turned(self.actions.grasp_of(pick), self.ups[name]))
+                turned[name] = replace(pick, position=hand.position, orientation=hand.quaternion_xyzw)
+        return turned
+
+    def _take(self, name: str) -> Node:
+        """Picks an object; where the hand meets something beside it, turned by a quarter."""
+        if name not in self.turned:
+            return leaf(self.picks[name])
+        tree_id = f"{RECOVERY_PREFIX}Take_{self.ids[name]}"
+        self._definitions[tree_id] = Definition(tree_id, _first([leaf(self.picks[name]), leaf(self.turned[name])]))
+        return subtree(tree_id)
+
+    def otherwise(self, step: Step) -> Sequence[Node]:
+        """What follows where a step has failed: if its object was not grasped, that is tried turned by a quarter.
+
+        It ends in FAILURE, so that the tree begins anew with the object in hand.
+        """
+        name = step.target.object
+        if name not in self.turned or step.guards or self._turns_others(name):
+            return ()
+        tree_id = f"{RECOVERY_PREFIX}Turn_for_{self.ids[name]}"
+        opened = fallback(leaf(GripperIs("open")), leaf(SetGripper("open")))
+        body = sequence(_not(InGripper(name)), opened, leaf(self.turned[name]))
+        self._definitions[tree_id] = Definition(tree_id, Node("ForceFailure", (), (body,)))
+        return (subtree(tree_id),)
+
+    def _turns_others(self, name: str) -> bool:
+        """Whether something belongs beside the object, so that how it is turned decides where."""
+        others = (t for t in self.targets if t.object != name and name in t.tied | {t.frame})
+        releases = (self.actions.moves[number].release for target in others for number in target.members)
+        rests = (r.rest[name].position for r in releases if r and r.rest and name in r.rest)
+        up = self.ups[name]
+        return any(float(np.linalg.norm(cross(up, np.array(rest)))) > BESIDE_M for rest in rests)
 
     def _covers(self) -> list[Cover]:
         """Every covering that is possible (with a scene) or was demonstrated, the highest in a pile first."""
@@ -257,7 +303,7 @@ class Recovery:
         to lie upon the covering object goes first.
         """
         higher = [other for other in self._covers_of(cover.object) if other.object not in below]
-        pick = leaf(self.picks[cover.object])
+        pick = self._take(cover.object)
         if self.actions.scene is not None or not higher:
             return pick
         lifts = [_then(other.condition, self._off(other, (*below, cover.object))) for other in higher]
@@ -267,10 +313,10 @@ class Recovery:
         """Picks the object, or what lies highest upon it."""
         covers = self._covers_of(name)
         if not covers:
-            return leaf(self.picks[name])
+            return self._take(name)
         tree_id = f"{RECOVERY_PREFIX}Lift_{self.ids[name]}"
         lifts = [_then(cover.condition, self._off(cover, (name,))) for cover in covers]
-        self._definitions[tree_id] = Definition(tree_id, _first([*lifts, leaf(self.picks[name])]))
+        self._definitions[tree_id] = Definition(tree_id, _first([*lifts, self._take(name)]))
         return subtree(tree_id)
 
     def _put_down(self) -> Node:

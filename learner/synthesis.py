@@ -110,7 +110,7 @@ class _Builder:
             nodes += [node for node in self.recovery.standing(step) if node not in nodes]
             nodes += () if step.guards else self._room(step, earlier)
             chain = self._chain(step, earlier) if step.guards else sequence(*self._placed(step))
-            nodes.append(fallback(self._condition(step), chain, reactive=False))
+            nodes.append(fallback(self._condition(step), chain, *self.recovery.otherwise(step), reactive=False))
         return nodes
 
     def _condition(self, step: Step) -> Node:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from learner.grasps import STROKE_M, Upright, borrowed_grasp
+from learner.grasps import STROKE_M, Upright, borrowed_grasp, quarter_turned
 from learner.model import ObjectShape, Pose
 from learner.model.pose import rotate
 
@@ -47,8 +47,18 @@ def test_an_object_whose_marker_is_upside_down_is_grasped_from_above_too() -> No
 
 
 @pytest.mark.parametrize("side_m", [STROKE_M + 0.01, 0.3])
-def test_what_a_gripper_does_not_span_is_not_grasped(side_m: float) -> None:
-    assert lent(Upright(ObjectShape((side_m, 0.04, 0.05)), Z)) is None
+def test_what_a_gripper_does_not_span_in_either_direction_is_not_grasped(side_m: float) -> None:
+    assert lent(Upright(ObjectShape((side_m, side_m, 0.05)), Z)) is None
+    assert lent(Upright(ObjectShape((side_m, 0.04, 0.05)), Z)) is not None
+
+
+def test_four_quarter_turns_are_none_and_one_is_a_right_angle_about_the_upright_axis() -> None:
+    grasp = FROM_ABOVE
+    for expected in [(0.0, 0.004, 0.01), (-0.004, 0.0, 0.01), (0.0, -0.004, 0.01), (0.004, 0.0, 0.01)]:
+        grasp = quarter_turned(grasp, Z)
+        assert grasp.position == pytest.approx(expected)
+        assert rotate(np.array(grasp.quaternion_xyzw), Z) == pytest.approx(-Z)
+    assert rotate(np.array(grasp.quaternion_xyzw), X) == pytest.approx(rotate(np.array(DOWN), X))
 
 
 def test_without_anything_picked_nothing_is_borrowed() -> None:
