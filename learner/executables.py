@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from learner.model import Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
+from learner.model import DemonstratedAction, Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
 from learner.model.demonstration import Symmetry
 from learner.moves import Move
 from learner.parameters import Parameters
 from learner.rounding import rounded, rounded_pose, rounded_vector
-from learner.symmetry import mean_in_object, mean_of_object, robust_mean, upright_axis
+from learner.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
 from learner.targets import Target
 
 RAISED = 0.7
@@ -33,8 +33,11 @@ class Executables:
     ) -> None:
         self.parameters, self.moves, self.demonstrations = parameters, moves, demonstrations
         self.scene = scene_of(demonstrations)
-        self.axes: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.float64]]] = {}
-        self.grasps = {name: self._grasp(name) for name in sorted({move.object for move in moves})}
+        self.picks: dict[str, list[DemonstratedAction]] = defaultdict(list)
+        for move in moves:
+            self.picks[move.object].append(move.pick)
+        self.axes = {name: upright_axis([p.objects[name] for p in self.picks[name]]) for name in sorted(self.picks)}
+        self.grasps = {name: self._grasp(name) for name in self.axes}
         self.nearest_m = nearest_rests_m(demonstrations, moves, targets)
         self.placements: dict[Target, Place | Drop] = {target: self._placement(target) for target in targets}
 
@@ -55,10 +58,43 @@ class Executables:
         return self.scene.objects.get(name, unknown) if self.scene else unknown
 
     def _grasp(self, name: str) -> Pose:
-        picks = [move.pick for move in self.moves if move.object == name]
-        self.axes[name] = upright_axis([pick.objects[name] for pick in picks])
-        grasps = [pick.objects[name].inverse() @ pick.end_effector for pick in picks]
+        """As most picks of the object agree; where too few do, as those of all objects alike do together.
+
+        How the hand is turned to the faces is the operator's habit and the gripper's, not the object's: markers that
+        flip or come late must not decide it where other objects tell better. Where the hand is beside the origin is
+        the object's own, unless too few of its picks agree with what was pooled.
+        """
+        own, alike = self._demonstrated(name), [g for other in self._alike(name) for g in self._demonstrated(other)]
+        mean, least = self._mean(name, own), self.parameters.min_samples
+        if not alike or len(self._agreeing(name, own, mean)) >= max(least, len(own) // 2 + 1):
+            return mean
+        pooled = self._mean(name, [*own, *alike])
+        agreeing = self._agreeing(name, own, pooled)
+        return self._mean(name, agreeing) if len(agreeing) >= min(least, len(own)) else pooled
+
+    def _demonstrated(self, name: str) -> list[Pose]:
+        """The end-effector's poses in the object's frame at its picks."""
+        return [pick.objects[name].inverse() @ pick.end_effector for pick in self.picks[name]]
+
+    def _alike(self, name: str) -> list[str]:
+        """The other picked objects that have the same known shape and stand on the same axis."""
+        known = self.scene.objects if self.scene else {}
+        return [
+            other
+            for other, axis in self.axes.items()
+            if other != name
+            and name in known
+            and known.get(other) == known[name]
+            and np.array_equal(axis, self.axes[name])
+        ]
+
+    def _mean(self, name: str, grasps: Sequence[Pose]) -> Pose:
         return mean_in_object(grasps, self._symmetry(name), self.axes[name], self.parameters.aligned_rad)
+
+    def _agreeing(self, name: str, grasps: Sequence[Pose], mean: Pose) -> list[Pose]:
+        orientation = np.array(mean.quaternion_xyzw)
+        symmetry, axis = self._symmetry(name), self.axes[name]
+        return agreeing_in_object(grasps, orientation, symmetry, axis, self.parameters.aligned_rad)
 
     def _placement(self, target: Target) -> Place | Drop:
         name, p = target.object, self.parameters
@@ -80,11 +116,11 @@ class Executables:
         return Pose.of(rest + fall * min(1.0, RELEASE_CLEARANCE_M / max(height, 1e-9)), release.quaternion_xyzw)
 
     def _place_radius(self, target: Target) -> float:
-        """From the spread of the rests and what must be told apart; within the bounds of the parameters."""
+        """From the spread of the rests, and less where neighbours or what is stacked must be told apart."""
         p = self.parameters
         rests = np.array([pose.position for pose in target.rests])
         sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
-        wide = p.least_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
+        wide = p.noise_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
         apart = 0.49 * self.nearest_m.get(target, np.inf)
         return rounded(max(p.least_radius_m, min(p.place_radius_m, wide, apart, RAISED * self._lowest_m())))
 

@@ -136,7 +136,7 @@ def groups_of(
     A demonstration whose goal is part of another's left the rest as it found it and joins the larger goal. Where some
     goals are shared by enough demonstrations and users, the others are left out: to stop early is not to be done.
     """
-    radius_m = 2 * parameters.least_radius_m
+    radius_m = 2 * parameters.noise_radius_m
     finals = {number: final_targets(chain) for number, chain in chains.items()}
     everything = sorted({t for final in finals.values() for t in final.values()}, key=lambda t: (t.object, t.members))
     goals = {

@@ -80,11 +80,13 @@ class Parameters:
     place_radius_m: float = PLACE_RADIUS_M
     drop_radius_m: float = DROP_RADIUS_M
     """Radii are never above the paper's (section III-B)."""
-    least_radius_m: float = 0.0245
+    noise_radius_m: float = 0.0245
     """Nor so small that 3 mm and 1 degree of perception noise, when placing and when looking, make the robot redo its
-    work; just below half of the 5 cm between stacked cubes."""
+    work; just below half of the 5 cm between stacked cubes. Only what must be told apart makes a radius smaller."""
+    least_radius_m: float = 0.02
+    """Below this a radius never is, whatever must be told apart: the robot would hardly ever find its work done."""
     spread_radii: float = 4.0
-    """A radius is this many standard deviations of the rests, plus the noise of perception."""
+    """A radius is this many standard deviations of the rests, plus the radius for the noise of perception."""
     aligned_rad: float = math.radians(12)
     """Orientations within this of the densest are averaged with it: several times the hand's noise, within a grasp's
     tolerance."""

@@ -68,6 +68,17 @@ def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, align
     return Pose.of(robust_mean(positions[agreeing]), mean)
 
 
+def agreeing_in_object(
+    poses: Sequence[Pose], orientation: Array, symmetry: Symmetry, axis: Array, aligned_rad: float
+) -> list[Pose]:
+    """Those of `poses` in an object's frame that some turn that looks the same brings to within `aligned_rad` of
+    `orientation` (4,)."""
+    quaternions = np.array([pose.quaternion_xyzw for pose in poses])
+    turn = nearest_turns(multiply(orientation, conjugate(quaternions)), symmetry, axis)
+    near = angle_between(multiply(turn, quaternions), orientation) < aligned_rad
+    return [pose for pose, agrees in zip(poses, near, strict=True) if agrees]
+
+
 def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, aligned_rad: float) -> Pose:
     """The mean of an object's poses in some frame (rests), modulo the turns of the object about its own `axis`."""
     quaternions = np.array([pose.quaternion_xyzw for pose in poses])

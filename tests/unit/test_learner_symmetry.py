@@ -14,7 +14,7 @@ from learner.model import Pose
 from learner.model.demonstration import Symmetry
 from learner.model.pose import angle_between
 from learner.rounding import rounded, rounded_pose
-from learner.symmetry import mean_in_object, mean_of_object, robust_mean, upright_axis
+from learner.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
 
 UP = np.array([0.0, 0.0, 1.0])
 NEAR_RAD = math.radians(25)
@@ -72,6 +72,16 @@ def test_what_may_turn_freely_about_its_vertical_is_one_grasp_at_any_yaw(yaws: l
 @given(st.floats(-math.pi, math.pi), st.sampled_from(["none", "box", "cube", "vertical"]))
 def test_the_mean_of_one_grasp_is_that_grasp(yaw: float, symmetry: Symmetry) -> None:
     assert angle(mean_in_object([turn(yaw) @ GRASP], symmetry, UP, NEAR_RAD), turn(yaw) @ GRASP) < 1e-6
+
+
+@given(COUNTS, st.integers(0, 3), st.floats(0.0, 0.05))
+def test_grasps_agree_modulo_the_turns_that_look_the_same(
+    shape: tuple[Symmetry, int], quarter: int, off_rad: float
+) -> None:
+    symmetry, count = shape
+    alike, other = turn(2 * math.pi / count * quarter + off_rad) @ GRASP, turn(0.6) @ GRASP
+    agreeing = agreeing_in_object([other, alike, GRASP], np.array(GRASP.quaternion_xyzw), symmetry, UP, 0.1)
+    assert agreeing == [alike, GRASP]
 
 
 def test_without_symmetry_grasps_at_quarter_turns_are_two_and_the_more_frequent_one_counts() -> None:
