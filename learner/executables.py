@@ -122,7 +122,15 @@ class Executables:
         sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
         wide = p.noise_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
         apart = 0.49 * self.nearest_m.get(target, np.inf)
-        return rounded(max(p.least_radius_m, min(p.place_radius_m, wide, apart, RAISED * self._lowest_m())))
+        least = min(p.place_radius_m, max(p.least_radius_m, p.sigmas_seen * self._seen_m(target, rests)))
+        return rounded(max(least, min(p.place_radius_m, wide, apart, RAISED * self._lowest_m())))
+
+    def _seen_m(self, target: Target, rests: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+        """The scatter [m] per axis of what a camera sees of an object in a frame that it sees turned, too."""
+        if target.frame == self.demonstrations[0].base_frame:
+            return self.parameters.seen_m
+        lever_m = float(np.linalg.norm(np.median(rests, axis=0)))
+        return float(np.hypot(np.sqrt(2.0) * self.parameters.seen_m, self.parameters.seen_rad * lever_m))
 
     def _lowest_m(self) -> float:
         """The height [m] of the lowest object that is picked, as it stands; infinite where no scene tells it."""

@@ -85,6 +85,11 @@ class Parameters:
     work; just below half of the 5 cm between stacked cubes. Only what must be told apart makes a radius smaller."""
     least_radius_m: float = 0.02
     """Below this a radius never is, whatever must be told apart: the robot would hardly ever find its work done."""
+    seen_m: float = 0.003
+    seen_rad: float = math.radians(1)
+    """Noise of perception at run time, per axis: of a pose's position and of its orientation."""
+    sigmas_seen: float = 4.0
+    """No radius is below so many standard deviations of what is seen: far from the frame's origin turns matter most."""
     spread_radii: float = 4.0
     """A radius is this many standard deviations of the rests, plus the radius for the noise of perception."""
     aligned_rad: float = math.radians(12)

@@ -26,7 +26,7 @@ def main() -> None:
     arguments = _arguments()
     success, users, size = _computed(arguments)
     tables = _tables(success, users, size) | _unwritten(arguments) | _rehearsed(arguments)
-    tables |= _physical(arguments) | {"The proof": proofs_table(arguments.only)}
+    tables |= _physical(arguments) | {"The proof": proofs_table(arguments.only, arguments.folder, arguments.jobs)}
     text = "\n\n".join(f"## {title}\n\n{body}" for title, body in tables.items()) + "\n"
     print(text)
     if arguments.write:

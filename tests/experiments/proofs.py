@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from learner.model import Node, Tree
 from learner.parameters import Parameters
 from learner.proof import Certificate, prove
 
-from .cells import KINDS
+from .cells import KINDS, kept
 from .demonstrator import demonstrated
 from .disturbances import DISTURBANCES
 from .mutations import Teeth, Trial, teeth
@@ -35,18 +37,41 @@ HEAD: Final = ("task", "states", "all of them", "most actions", "counterexample"
                "refused", "as good", "worse, not refused")  # fmt: skip
 
 
-def proofs_table(names: Iterable[str]) -> str:
-    """Two rows a task: its tree's proof, and its mutants; and the mutants of what only recovers."""
-    rows, survivors = [], []
-    for name in names:
-        scenario = SCENARIOS[name]
-        tree = METHODS["treewright"](demonstrated(scenario, scenario.least, SET), Parameters()).tree
-        proven = prove(tree, BASE, np.random.default_rng(0))
-        for part, found in _bitten(scenario, tree, proven):
-            rows.append((f"{name}{part}", *_proof(proven), *_counts(found)))
-            survivors += [f"- {name}: {one}" for one in found.missed] if found else []
-    lines = ["Worse than the sound tree, and not refused:", "", *(survivors or ["None."])]
-    return "\n".join([table(HEAD, rows), "", *lines])
+@dataclass(frozen=True)
+class Proven:
+    """The tree of a task, proven; and its mutants."""
+
+    scenario: str
+
+    @property
+    def key(self) -> str:
+        return f"proof-{self.scenario}-{SET}-{MOST}-{ROUNDS}-{MOST_OF_LARGE}-{ROUNDS_OF_LARGE}"
+
+
+def proofs_table(names: Iterable[str], folder: Path, jobs: int) -> str:
+    """Two rows a task: its tree's proof, and its mutants; and the mutants of what only recovers.
+
+    What is in the folder is not computed again.
+    """
+    found = kept(compute_proof, [Proven(name) for name in names], folder, jobs)
+    lines = [f"- {one['scenario']}: {line}" for one in found for line in one["missed"]]
+    heading = "Worse than the sound tree, and not refused:"
+    return "\n".join(
+        [table(HEAD, [row for one in found for row in one["rows"]]), "", heading, "", *(lines or ["None."])]
+    )
+
+
+def compute_proof(cell: Proven) -> dict[str, Any]:
+    """The rows of a task, and its mutants that are worse and not refused, in words."""
+    scenario = SCENARIOS[cell.scenario]
+    tree = METHODS["treewright"](demonstrated(scenario, scenario.least, SET), Parameters()).tree
+    proven = prove(tree, BASE, np.random.default_rng(0))
+    bitten = list(_bitten(scenario, tree, proven))
+    return {
+        "scenario": cell.scenario,
+        "rows": [(f"{cell.scenario}{part}", *_proof(proven), *_counts(found)) for part, found in bitten],
+        "missed": [str(one) for _, found in bitten if found for one in found.missed],
+    }
 
 
 def _bitten(scenario: Scenario, tree: Tree, proven: Certificate) -> Iterator[tuple[str, Teeth | None]]:

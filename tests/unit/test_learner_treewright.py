@@ -303,6 +303,13 @@ def test_stacked_cubes_are_told_apart_by_their_radii() -> None:
     assert all(0.02 <= radius < 0.026 for radius in radii(found))
 
 
+def test_far_from_its_frame_an_object_has_a_radius_for_the_frames_turns() -> None:
+    far = learn(shown([Put("A", "box", (0.4, 0.0, 0.0)), Put("B", "box", (0.43, 0.0, 0.0))]))
+    near = learn(shown([Put("A", "box", (0.04, 0.0, 0.0)), Put("B", "box", (0.07, 0.0, 0.0))]))
+    radii = [[float(str(node.port("radius"))) for node in leaves(found, "ObjectAt")] for found in (far, near)]
+    assert min(radii[0]) > 4 * math.radians(1) * 0.4 > max(radii[1])
+
+
 @pytest.mark.parametrize("height_m", [0.05, 0.03])
 def test_what_stands_upon_another_object_is_not_in_its_place_even_after_one_demonstration(height_m: float) -> None:
     cube = ObjectShape((0.05, 0.05, height_m))
