@@ -39,6 +39,8 @@ UPON_M: Final = (0.02, 0.08)
 """How much higher an object's origin lies than that of the one it covers."""
 CHUNK: Final = 40_000
 """So many states are looked at together: their columns stay in the processor's cache."""
+PROBE: Final = 4_000
+"""So many states tell how many more there are with one more object."""
 X, Y, Z, LEVEL, RAISED = range(5)
 
 Bools = NDArray[np.bool_]
@@ -217,8 +219,9 @@ class AbstractWorld:
         """
         partial, whole = States(np.zeros((len(self.objects), 1), np.int16), np.ones(1, bool)), True
         for a in range(len(self.objects)):
-            partial = self._laid(partial, a)
-            if len(partial) > exhaustive:
+            share = self._share(partial, a, exhaustive if whole else 2 * sampled, 4 * sampled, rng)
+            partial, whole = self._laid(partial, a, rng, share), whole and share == 1
+            if len(partial) > exhaustive or not whole:
                 partial, whole = _drawn(partial, 2 * sampled, rng), False
         partial = States.joined([part.take(self._carried(part)) for part in partial.chunks()])
         free = (partial.locations != HELD).all(axis=0)
@@ -227,13 +230,26 @@ class AbstractWorld:
             return _drawn(found, sampled, rng), False
         return found, True
 
-    def _laid(self, partial: States, a: int) -> States:
-        """The states in which also object a is held or laid somewhere, where it can be."""
+    def _share(self, partial: States, a: int, few: int, enough: int, rng: np.random.Generator) -> float:
+        """With what share of the next states there are about `enough`; all of them (1) unless surely more than `few`.
+
+        A probe tells how many there are: to make all, only to draw some of them, takes the time of the whole proof.
+        """
+        if len(partial) * self.sizes[a] <= 2 * few:
+            return 1.0
+        probe = _drawn(partial, PROBE, rng)
+        expected = len(partial) * len(self._laid(probe, a, rng)) / len(probe)
+        return 1.0 if expected <= 2 * few else min(1.0, enough / expected)
+
+    def _laid(self, partial: States, a: int, rng: np.random.Generator, share: float = 1.0) -> States:
+        """The states in which also object a is held or laid somewhere, where it can be; or a share of them."""
         size = self.sizes[a]
         parts = []
         for begin in range(0, len(partial), max(CHUNK // size, 1)):
             part = partial.take(slice(begin, begin + max(CHUNK // size, 1)))
             fits = self._free_for(a, part)
+            if share < 1:
+                fits &= rng.random(fits.shape) < share
             columns, locations = np.nonzero(fits.T)
             laid = part.take(columns)
             laid.locations[a] = locations

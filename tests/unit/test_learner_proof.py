@@ -12,11 +12,12 @@ from experiments.mutations import teeth
 from experiments.proofs import failures
 from experiments.scenarios import SCENARIOS
 
+from learner.abstraction import AbstractWorld
 from learner.learning import METHODS, learn
 from learner.model import Definition, Drop, GripperIs, InGripper, Node, ObjectRoughlyAt, Pick, Place, SetGripper, Tree
 from learner.model.tree import fallback, leaf, sequence
 from learner.parameters import Parameters
-from learner.proof import prove
+from learner.proof import Keys, prove
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 ZERO = (0.0, 0.0, 0.0)
@@ -80,6 +81,18 @@ def test_beyond_the_limit_a_seeded_sample_is_checked_and_the_certificate_says_so
     assert (whole.exhaustive, whole.states > 100, samples[0].bound <= whole.bound) == (True, True, True)
 
 
+def test_a_sample_is_of_different_states_that_are_all_possible() -> None:
+    scenario = SCENARIOS["towers"]
+    world = AbstractWorld("base", learn(demonstrated(scenario, scenario.least, 31)).tree.flattened())
+    whole, every = world.states(np.random.default_rng(0), 10**6, 10**5)
+    some, rest = world.states(np.random.default_rng(0), 5000, 1000)
+    keys = Keys(world)
+    assert (every, rest) == (True, False)
+    assert len(whole) > 5000
+    assert len(np.unique(keys.of(some))) == len(some) == 1000
+    assert np.isin(keys.of(some), keys.of(whole)).all()
+
+
 @pytest.mark.parametrize(("names", "left_out"), [("ABCDEF", None), ("ABCDEFG", "piles of more than 6 objects")])
 def test_the_certificate_says_which_piles_were_left_out(names: str, left_out: str | None) -> None:
     tower = [placed(upper, lower) for lower, upper in pairwise(names)]
@@ -124,5 +137,5 @@ def test_hardly_a_worse_tree_made_on_purpose_is_proven(name: str) -> None:
     scenario = SCENARIOS[name]
     found = teeth(learn(demonstrated(scenario, scenario.least, 31)).tree, "base", failures(scenario, rounds=1))
     assert found.different >= 10
-    assert found.caught >= found.different - 2
+    assert found.caught >= 0.9 * found.different
     assert found.share >= 0.95
