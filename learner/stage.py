@@ -141,7 +141,7 @@ class Stage:
 
     def root(self, root: Node) -> Node:
         """A flattened tree in the stage's terms: poses of the simulated hand, frames of upright bodies."""
-        known = {node.ports: self._ports(dict(node.ports)) for node in root.walk()}
+        known = {ports: self._ports(dict(ports)) for ports in {node.ports for node in root.walk()}}
 
         def moved(node: Node) -> Node:
             return replace(node, ports=known[node.ports], children=tuple(moved(child) for child in node.children))
