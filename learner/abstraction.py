@@ -37,6 +37,8 @@ SUPPORT_M: Final = 0.05
 """What lies lower than an object and this near to its vertical may carry it."""
 UPON_M: Final = (0.02, 0.08)
 """How much higher an object's origin lies than that of the one it covers."""
+ALIKE_M: Final = 0.012
+"""Places upon an object that differ by less in height are of things that lie directly upon it."""
 CHUNK: Final = 40_000
 """So many states are looked at together: their columns stay in the processor's cache."""
 PROBE: Final = 4_000
@@ -294,7 +296,7 @@ class AbstractWorld:
                 hangs &= self._is_raised(place.frame, layout)
             if hangs.any():
                 there, frame = layout.take(hangs), place.frame if beside else None
-                hangs[hangs] = ~self._is_carried(there.offsets[:3, a], there.roots[a], there, frame)
+                hangs[hangs] = ~self._is_carried(a, there.offsets[:3, a], there.roots[a], there, frame)
                 yield a, hangs
 
     @cached_property
@@ -305,8 +307,16 @@ class AbstractWorld:
             for a, name in enumerate(self.objects)
             for number, place in enumerate(self.places[name], start=FIRST_PLACE)
             if place.frame in (*self.grasps, self.base_frame)
-            and (self._height_m(place) > UPON_M[1] or self._is_beside(place))
+            and (self._height_m(place) > self._upon_m(name, place.frame) or self._is_beside(place))
         ]
+
+    def _upon_m(self, name: str, frame: str) -> float:
+        """Up to this height [m] an object lies directly upon that of a frame: the lowest of its places there, and more
+        only by what two of them may differ by.
+        """
+        heights = [place.position[2] for place in self.places[name] if place.frame == frame != self.base_frame]
+        lowest = min((height for height in heights if height > UPON_M[0]), default=np.inf)
+        return min(UPON_M[1], lowest + ALIKE_M)
 
     def _height_m(self, place: Place) -> float:
         """How far a place is above the object of its frame [m]; in the base, above the lowest exact place there."""
@@ -325,14 +335,18 @@ class AbstractWorld:
     def _is_raised(self, frame: str, layout: Layout) -> Bools:
         return np.asarray(layout.offsets[RAISED, self.index[frame]] > 0)
 
-    def _is_carried(self, spot: Floats, root: NDArray[np.int32], layout: Layout, beside: str | None = None) -> Bools:
-        """Whether any object lies right below a spot; `beside` another, one on the level below that one's."""
+    def _is_carried(
+        self, a: int, spot: Floats, root: NDArray[np.int32], layout: Layout, beside: str | None = None
+    ) -> Bools:
+        """Whether any object lies right below object a at a spot; `beside` another, one level below that one's."""
         reach_m = SUPPORT_M if beside else OVERLAP_M
         carried = np.zeros(len(root), dtype=bool)
         for b in self.movable:
             below = layout.below(b, spot, root, reach_m)
             if beside:
                 below &= layout.offsets[RAISED, b] == layout.offsets[RAISED, self.index[beside]] - 1
+            else:
+                below &= spot[Z] - layout.offsets[Z, b] < self._upon_m(self.objects[a], self.objects[b])
             carried |= below
         return carried
 
@@ -451,7 +465,9 @@ class AbstractWorld:
         if place is None or not self._is_beside(place):
             return np.zeros(layout.roots.shape[1], dtype=bool)
         root, spot = self._spot(node, place.position, layout)
-        return self._is_raised(place.frame, layout) & ~self._is_carried(spot, root, layout, place.frame)
+        return self._is_raised(place.frame, layout) & ~self._is_carried(
+            self.index[name], spot, root, layout, place.frame
+        )
 
 
 def _drawn(states: States, count: int, rng: np.random.Generator) -> States:

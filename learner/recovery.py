@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -37,6 +38,10 @@ INNER = 0.75
 """They are among this share of the places where objects have lain, those furthest inside."""
 LEVELS = 5
 """So many objects upon one are taken down."""
+MERGED_M = 0.015
+"""Heights of piles that differ by less are looked for at their mean ..."""
+MIXED_RADIUS_M = 0.025
+"""... and within this, where the objects' heights differ."""
 ON_TABLE_M = 0.015
 """An object at most this much higher than the lowest of its shape stood on the table."""
 WIDE_M = 0.12
@@ -107,7 +112,7 @@ class Recovery:
         """
         name, place = step.target.object, self.actions.placements[step.target]
         settled = {target.object for target in done} - {name}
-        occupied = [condition for condition in self._occupations(step) if condition.object not in settled]
+        occupied = [condition for condition in self._occupations(step.target) if condition.object not in settled]
         if self._own_target(place.frame):
             occupied += [cover.condition for cover in self._raised(step) if cover.object not in settled]
         grounded = self._grounded(done)
@@ -128,20 +133,36 @@ class Recovery:
         return (subtree(tree_id),)
 
     def standing(self, step: Step) -> Sequence[Node]:
-        """What takes a step's reference down that was put upon something, before anything is built in its frame.
+        """What moves a step's reference away where it was put wrongly, before anything is built in its frame.
 
+        Upon something, or on another target's place: what is built there first would have to be taken down again.
         Only for a reference that the task itself leaves where it is.
         """
         frame = self.actions.placements[step.target].frame
-        raised = [] if self._own_target(frame) else self._raised(step)
-        if not raised:
+        wrongly = [] if self._own_target(frame) else [*(c.condition for c in self._raised(step)), *self._astray(frame)]
+        if not wrongly:
             return ()
         tree_id = f"{RECOVERY_PREFIX}Stand_{self.ids[frame]}"
-        clear = sequence(*(_not(cover.condition) for cover in raised))
-        lifts = _first([_then(cover.condition, self._lift(frame)) for cover in raised])
+        clear = sequence(*map(_not, wrongly))
+        lifts = _first([_then(condition, self._lift(frame)) for condition in wrongly])
         body = fallback(clear, sequence(self._put_down(), lifts), reactive=False)
         self._definitions[tree_id] = Definition(tree_id, body)
         return (subtree(tree_id),)
+
+    def _astray(self, frame: str) -> list[ObjectAt | ObjectRoughlyAt]:
+        """The places of targets that a reference may occupy, but for those that lie in its own frame."""
+        apart = [target for target in self.targets if frame not in self._carriers(target)]
+        occupied = [condition for target in apart for condition in self._occupations(target)]
+        return [condition for condition in occupied if condition.object == frame]
+
+    def _carriers(self, target: Target) -> set[str]:
+        """The frame of a target, that of the target which places this frame, and so on."""
+        carriers: set[str] = set()
+        frames = {self.actions.placements[target].frame}
+        while frames - carriers:
+            carriers |= frames
+            frames = {self.actions.placements[t].frame for t in self.targets if t.object in carriers}
+        return carriers
 
     def _own_target(self, name: str) -> bool:
         return any(target.object == name for target in self.targets)
@@ -224,29 +245,27 @@ class Recovery:
             upon = {(target.object, *target.upon) for target in self.targets if target.upon}
             return [Cover(x, o, rounded_vector(at), COVER_RADIUS_M) for x, o, at in sorted(upon)]
         known = [name for name in self.picks if name in scene.objects]
-        return [
-            self._cover(x, o, level, known)
-            for level in reversed(range(min(LEVELS, len(known) - 1)))
+        heights = {name: self._upright(name).height_m for name in known}
+        covers = [
+            (heights[o] / 2 + between_m + heights[x] / 2, x, o, between_m == 0.0)
             for o in known
             for x in known
             if x != o
+            for between_m in _sums([heights[other] for other in known if other not in (x, o)])
         ]
+        mixed = max(heights.values(), default=0.0) - min(heights.values(), default=0.0) > EDGE_M
+        return [self._cover(*cover, mixed) for cover in sorted(covers, key=lambda cover: -cover[0])]
 
-    def _cover(self, x: str, o: str, level: int, known: Sequence[str]) -> Cover:
-        """x upon o with `level` others between."""
-        position = rounded_vector(self.ups[o] * self._height_above(x, o, level, known))
-        radius = rounded(min(PLACE_RADIUS_M, self._upright(o).sides_m[1] / 2 + EDGE_M))
-        return Cover(x, o, position, radius, direct=level == 0)
+    def _cover(self, height_m: float, x: str, o: str, direct: bool, mixed: bool) -> Cover:
+        """x upon o, its middle so high above that of o; where heights are mixed, others between are told apart."""
+        radius = min(PLACE_RADIUS_M, self._upright(o).sides_m[1] / 2 + EDGE_M)
+        position = rounded_vector(self.ups[o] * height_m)
+        return Cover(x, o, position, rounded(radius if direct or not mixed else min(radius, MIXED_RADIUS_M)), direct)
 
     def _upright(self, name: str) -> Upright:
         scene = self.actions.scene
         assert scene is not None
         return Upright(scene.objects[name], self.ups[name])
-
-    def _height_above(self, x: str, o: str, level: int, known: Sequence[str]) -> float:
-        """How far above the origin of o that of x lies when `level` others are between."""
-        heights = {name: self._upright(name).height_m for name in known}
-        return heights[o] / 2 + level * float(np.median(list(heights.values()))) + heights[x] / 2
 
     def _up(self, name: str) -> Array:
         """The direction (3,), in the object's frame, that points up in the base on average."""
@@ -257,16 +276,16 @@ class Recovery:
         norm = float(np.linalg.norm(up))
         return np.asarray(up / norm) if norm > 0.5 else np.array([0.0, 0.0, 1.0])
 
-    def _occupations(self, step: Step) -> list[ObjectAt | ObjectRoughlyAt]:
-        """Which other objects may occupy the place of a step. Dropping needs no free place."""
-        place = self.actions.placements[step.target]
+    def _occupations(self, target: Target) -> list[ObjectAt | ObjectRoughlyAt]:
+        """Which other objects may occupy the place of a target. Dropping needs no free place."""
+        place = self.actions.placements[target]
         if self.actions.scene is None or not isinstance(place, Place):
             return []
-        others = [name for name in sorted(self.picks) if name not in (step.target.object, place.frame)]
+        others = [name for name in sorted(self.picks) if name not in (target.object, place.frame)]
         return [
-            ObjectRoughlyAt(name, place.frame, place.rest, self._touching_m(name, step.target.object))
-            if (step.target, name) in self.widened
-            else ObjectAt(name, place.frame, place.rest, self._occupying_m(name, step.target.object))
+            ObjectRoughlyAt(name, place.frame, place.rest, self._touching_m(name, target.object))
+            if (target, name) in self.widened
+            else ObjectAt(name, place.frame, place.rest, self._occupying_m(name, target.object))
             for name in others
         ]
 
@@ -404,6 +423,18 @@ class Recovery:
     def _near(self, name: str, port: str) -> Node:
         template = leaf(ObjectRoughlyAt(name, self.base, (0.0, 0.0, 0.0), DROP_RADIUS_M))
         return replace(template, ports=tuple(sorted({**dict(template.ports), "position": f"{{{port}}}"}.items())))
+
+
+def _sums(heights_m: Sequence[float]) -> list[float]:
+    """How high [m] none to LEVELS - 1 things of these heights may be upon each other; near sums count as one."""
+    sums = sorted({round(sum(some), 3) for n in range(1, LEVELS) for some in combinations(heights_m, n)})
+    merged: list[list[float]] = []
+    for total in sums:
+        if merged and total - merged[-1][0] < MERGED_M:
+            merged[-1].append(total)
+        else:
+            merged.append([total])
+    return [0.0, *(float(np.mean(group)) for group in merged)]
 
 
 def _not(condition: Condition) -> Node:
