@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Final
 
 from learner.goal import Goal, holds
@@ -22,8 +22,8 @@ from learner.rounding import rounded
 from learner.simulation.gravity import Body
 from learner.targets import Target
 
-ROUNDS: Final = 3
-"""So many times a tree is repaired at the most."""
+TRIALS: Final = 4
+"""So many repaired trees are rehearsed at the most."""
 OFTEN: Final = 3
 """What happens so often in one rollout is no accident."""
 WIDER: Final = 2.0
@@ -86,21 +86,23 @@ def attempts(
     failures teach more.
     """
     last = Attempt(first, NOTHING, rehearse(first))
-    found = [last]
-    for _ in range(ROUNDS):
+    found, left = [last], TRIALS
+    while left:
         options = (last.repairs | option for option in propose(last.rehearsal.failures, last.repairs))
-        tried = (_attempt(repairs, plan, rehearse) for repairs in options if repairs != last.repairs)
-        better = next((one for one in tried if one.rehearsal.share >= last.rehearsal.share), None)
+        others = islice((repairs for repairs in options if repairs != last.repairs), left)
+        better = None
+        for repairs in others:
+            left -= 1
+            tree = plan(repairs)
+            attempt = Attempt(tree, repairs, rehearse(tree))
+            if attempt.rehearsal.share >= last.rehearsal.share:
+                better = attempt
+                break
         if better is None:
             break
         found += [better] if better.rehearsal.share > last.rehearsal.share else []
         last = better
     return found
-
-
-def _attempt(repairs: Repairs, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal]) -> Attempt:
-    tree = plan(repairs)
-    return Attempt(tree, repairs, rehearse(tree))
 
 
 def _sensible(pairs: Set[tuple[Target, str]]) -> frozenset[tuple[Target, str]]:

@@ -51,8 +51,8 @@ class Replay:
 
     @property
     def failures(self) -> list[Outcome]:
-        """The runs that the tree has failed, not the simulated hand, which may not fit where another grasped."""
-        return [outcome for outcome in self.outcomes if not outcome.done and not _hand_does_not_fit(outcome)]
+        """The runs that the tree has failed, not the simulated arm, which reaches and fits where others may not."""
+        return [outcome for outcome in self.outcomes if not outcome.done and not _arm_is_at_fault(outcome)]
 
     @property
     def failed(self) -> bool:
@@ -107,10 +107,13 @@ def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> Outcom
         return Outcome(rollout, verdict, world)
 
 
-def _hand_does_not_fit(outcome: Outcome) -> bool:
-    """Whether what failed most was to reach what is to be picked, where a person or another hand did."""
+def _arm_is_at_fault(outcome: Outcome) -> bool:
+    """Whether what failed most is out of the simulated arm's reach, or its hand met something beside what is picked."""
     often = outcome.failing.most_common(1)
-    return bool(often) and often[0][0][0] == "Pick" and often[0][0][3].startswith("contact")
+    if not often:
+        return False
+    kind, _, _, reason = often[0][0]
+    return "out of reach" in reason or (kind == "Pick" and reason.startswith("contact"))
 
 
 def _roomy(stage: Stage, start: Start, goals: Sequence[Goal]) -> bool:

@@ -14,7 +14,6 @@ from support_demonstrations import BASE, Put, at, repeated
 
 from learner.executables import Executables
 from learner.goal import Goal, goals_of, holds
-from learner.groups import Step
 from learner.imagination import KINDS, SHOWN, imagined
 from learner.learned import main_id
 from learner.learning import METHODS
@@ -38,9 +37,9 @@ PARAMETERS = Parameters()
 class Unseeing(Recovery):
     """Sees what occupies a place only where it was told to look wider."""
 
-    def _occupations(self, step: Step) -> list[Condition]:  # type: ignore[override]  # fewer of the same
-        found = super()._occupations(step)
-        return [condition for condition in found if (step.target, condition.object) in self.widened]
+    def _occupations(self, target: Target) -> list[Condition]:  # type: ignore[override]  # fewer of the same
+        found = super()._occupations(target)
+        return [condition for condition in found if (target, condition.object) in self.widened]
 
 
 @dataclass(frozen=True)
