@@ -217,7 +217,7 @@ class Recovery:
         return subtree(tree_id)
 
     def otherwise(self, step: Step) -> Sequence[Node]:
-        """What follows where a step has failed: if its object was not grasped, that is tried turned by a quarter.
+        """What follows where a step has failed: if the hand is still open, its object is tried turned by a quarter.
 
         It ends in FAILURE, so that the tree begins anew with the object in hand.
         """
@@ -225,8 +225,7 @@ class Recovery:
         if name not in self.turned or step.guards or self._turns_others(name):
             return ()
         tree_id = f"{RECOVERY_PREFIX}Turn_for_{self.ids[name]}"
-        opened = fallback(leaf(GripperIs("open")), leaf(SetGripper("open")))
-        body = sequence(_not(InGripper(name)), opened, leaf(self.turned[name]))
+        body = sequence(leaf(GripperIs("open")), leaf(self.turned[name]))
         self._definitions[tree_id] = Definition(tree_id, Node("ForceFailure", (), (body,)))
         return (subtree(tree_id),)
 
