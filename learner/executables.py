@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from learner.grasps import Upright
 from learner.model import DemonstratedAction, Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
 from learner.model.demonstration import Symmetry
 from learner.moves import Move
@@ -135,10 +136,8 @@ class Executables:
     def _lowest_m(self) -> float:
         """The height [m] of the lowest object that is picked, as it stands; infinite where no scene tells it."""
         known = self.scene.objects if self.scene else {}
-        return min(
-            (known[name].size_m[int(np.argmax(np.abs(axis)))] for name, axis in self.axes.items() if name in known),
-            default=np.inf,
-        )
+        heights = (Upright(known[name], axis).height_m for name, axis in self.axes.items() if name in known)
+        return min(heights, default=np.inf)
 
     def _drop_radius(self, target: Target) -> float:
         """The paper's, but not wider than the container dropped into, where its shape is known."""

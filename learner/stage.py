@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from learner.executables import scene_of
+from learner.grasps import STROKE_M
 from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, Pose
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
 from learner.model.tree import Value
@@ -33,7 +34,6 @@ INSIDE_M: Final = 0.01
 """What reaches this far below the top of another, within its outline, lies in it."""
 ORIGIN_M: Final = 0.01
 """An origin is taken to be in the middle of a body unless that would sink into the table by more than this."""
-STROKE_M: Final = 0.08
 PLACED_M: Final = 0.025
 """The stage does as was shown if what is let go comes to rest this near to where it did ..."""
 DROPPED_M: Final = 0.08

@@ -18,7 +18,6 @@ import numpy as np
 from learner.model import Node, Tree
 from learner.model.pose import Quaternion
 from learner.simulation.arena import Arena
-from learner.simulation.gravity import Spot
 from learner.simulation.kinematics import PERIOD_S, Habits, KinematicWorld, Noise
 from learner.ticking import Status, Ticker
 
@@ -187,8 +186,3 @@ class _Run:
             return "false success"
         both = min(self.said, self.true) >= HOLD_STEPS
         return "done" if both and not self.pending else None
-
-
-def spots_of(scenario: Scenario, seed: int) -> dict[str, Spot]:
-    """The start of the run with this seed."""
-    return scenario.draw_start(np.random.default_rng(seed))

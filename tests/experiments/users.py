@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from learner.model.pose import Vector
@@ -90,9 +90,3 @@ FOURTEEN: Final = (
 tower first; 8, 9, 11 drop to stack; 10 places into the box; 12 has A stand the same way beside the tower each time;
 13 and 14 misunderstand."""
 FOURTEEN_SCENARIO: Final = SCENARIOS["tower_and_box"]
-
-
-def as_real(user: User) -> User:
-    """The same person in a cell with REAL's noise."""
-    return replace(REAL, name=user.name, verbs=user.verbs, orders=user.orders, moves_first=user.moves_first,
-                   coincidence=user.coincidence, scripts=user.scripts, grasp_height_m=user.grasp_height_m)  # fmt: skip
