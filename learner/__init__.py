@@ -1,1 +1,9 @@
-"""The algorithms: from demonstrated actions to a proven behavior tree. No I/O."""
+"""The algorithms: from demonstrated actions to a proven behavior tree. No input or output.
+
+model        the words                      inference    what was meant         planning    the tree from it
+paper        the published method           proof        a tree, proven         execution   what a tick means
+simulation   worlds to try a tree in        rehearsal    tried before publishing
+
+`learning.learn` is the one call that the pipelines make. Calls go one way: learning, then rehearsal, simulation and
+proof, then planning, inference, model (tests/unit/test_arrows.py).
+"""

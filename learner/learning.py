@@ -8,10 +8,10 @@ from typing import Final
 from learner.errors import NothingLearnedError
 from learner.learned import Learned
 from learner.model import Demonstration
-from learner.paper import learn_plainly
+from learner.paper.method import learn_plainly
 from learner.parameters import Parameters
+from learner.rehearsal.trial import proven, tried
 from learner.treewright import learn_robustly
-from learner.trial import proven, tried
 
 Method = Callable[[Sequence[Demonstration], Parameters], Learned]
 
@@ -28,8 +28,8 @@ def learn(
     """The tree that `method` learns from demonstrations of one task; the same input gives the same bytes.
 
     The tree is proven in the world of its own conditions (learner.proof): the certificate says what was found. If
-    `rehearsed`, it is run and repaired in simulation before that, and replayed with the arm (learner.trial): seconds
-    instead of fractions of one. The order in which the demonstrations come does not matter. Raises
+    `rehearsed`, it is run and repaired in simulation before that, and replayed with the arm: seconds instead of
+    fractions of one. The order in which the demonstrations come does not matter. Raises
     NothingLearnedError for no demonstrations, for demonstrations of several tasks or base frames, for an unknown
     method, and where no tree follows.
     """

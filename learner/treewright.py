@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from learner.inference.questions import questions
+from learner.inference.understanding import Understanding, understand
+from learner.inference.users import agreement, understood_without
 from learner.learned import Learned
 from learner.model import Demonstration
 from learner.parameters import Parameters
-from learner.plan import Plan
-from learner.questions import questions
-from learner.understanding import Understanding, understand
-from learner.users import agreement, understood_without
+from learner.planning.draft import Plan
 
 _REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
 

@@ -31,10 +31,10 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from learner.errors import LearnerError
 from learner.model import Pose, check_name
 from learner.model.condition import GripperState
-from learner.simulation import skills
+from learner.simulation.cell import skills
+from learner.simulation.cell.physics import PERIOD_S, World
+from learner.simulation.cell.skills import Outcome, Skill
 from learner.simulation.scenarios import BASE, TOOL, sample_spot
-from learner.simulation.skills import Outcome, Skill
-from learner.simulation.world import PERIOD_S, World
 from pipelines.errors import CommandError
 from pipelines.publisher import declare_publisher
 

@@ -19,9 +19,9 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.message import DecodeError
 
 from learner.errors import ModelError
+from learner.execution.perception import CellState
 from learner.model.pose import Pose
 from learner.model.tree import ACTIONS
-from learner.perception import CellState
 from pipelines.errors import UnreachableError
 
 REPLY_LIMIT_S: Final = 600.0

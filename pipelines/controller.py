@@ -1,7 +1,7 @@
 """A cell controller: a tree ticked against a cell's skills until its success lasts.
 
     Controller      the loop: take in what the cell published, tick, decide whether it is over
-      CellLeaves    what the tree acts on: conditions from learner.perception, actions as skills of the cell
+      CellLeaves    what the tree acts on: conditions from learner.execution.perception, actions as skills of the cell
         CellLink    Zenoh
 
 BehaviorTree.CPP's semantics start an action before the one that it replaces is halted. A cell has one arm, so a new
@@ -17,11 +17,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from learner.engine import Engine
+from learner.execution.engine import Engine
+from learner.execution.perception import condition_of
+from learner.execution.ticking import Status
 from learner.model.condition import Condition, GripperState
 from learner.model.tree import CONDITIONS, Node
-from learner.perception import condition_of
-from learner.ticking import Status
 from pipelines.cell_link import Answer, CellLink, PendingAnswer
 from pipelines.errors import UnreachableError
 from pipelines.trace import Trace
@@ -93,7 +93,7 @@ class Execution:
 
 
 class CellLeaves:
-    """The leaves of a tree on a real cell (learner.ticking.Leaves).
+    """The leaves of a tree on a real cell (learner.execution.ticking.Leaves).
 
     GripperIs and InGripper keep their values from the moment a skill is asked for until its action has ended or is
     halted. Raises UnreachableError when the cell stops answering: what the arm does is then not known.

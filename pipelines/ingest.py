@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from learner.errors import LearnerError
-from learner.labels import doubts
+from learner.inference.labels import doubts
 from learner.model import Demonstration
 from learner.observation import observe
 from learner.parameters import Parameters

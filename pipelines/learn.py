@@ -74,7 +74,7 @@ def learn_from(choice: Choice, method: str = DEFAULT_METHOD) -> Learned:
     """Learn and rehearse; where the scene is known, replay with the arm. Raises NothingLearnedError."""
     if _scene_known(choice):
         with silent_standard_error():
-            import learner.simulation.physical  # noqa: F401  # takes a fifth of a second, and is rarely needed
+            import learner.simulation.physical_world  # noqa: F401  # takes a fifth of a second, and is rarely needed
     return learn(choice.demonstrations, Parameters(), method, rehearsed=True)
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from learner.execution.perception import CellState, condition_of
+from learner.execution.ticking import Status, Ticker
 from learner.model.names import check_name
 from learner.model.tree import ACTIONS, CONDITIONS, Node, Tree
-from learner.perception import CellState, condition_of
-from learner.ticking import Status, Ticker
 from pipelines.cell_link import CellLink
 from pipelines.controller import described
 from pipelines.errors import CellRefusedError, CommandError, UnreachableError

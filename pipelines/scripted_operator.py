@@ -19,7 +19,7 @@ import numpy as np
 import zenoh
 
 from learner.model import Pose
-from learner.simulation.arm_kinematics import pointing_down
+from learner.simulation.cell.arm_kinematics import pointing_down
 from learner.simulation.scenarios import BASE, TOOL, Scenario, Step, scenario_named
 from pipelines.errors import CommandError
 from pipelines.publisher import declare_publisher

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 
 import behaviortreepy
 
+from learner.execution.ticking import Leaves, Status
 from learner.model.tree import CONDITIONS, LEAVES, REFERENCE, SUBTREE, Node, Value
-from learner.ticking import Leaves, Status
 
 TO_CPP = {
     Status.RUNNING: behaviortreepy.NodeStatus.RUNNING,
@@ -45,7 +45,7 @@ def _append(parent: ElementTree.Element, node: Node) -> None:
 
 
 class CppTicker:
-    """As learner.ticking.Ticker, but ticked by BehaviorTree.CPP.
+    """As learner.execution.ticking.Ticker, but ticked by BehaviorTree.CPP.
 
     `root` is the flattened tree: it says what the leaves mean. `xml` is the exported document that C++ loads,
     in compact form; without it, `root` is written out plainly.

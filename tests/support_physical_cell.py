@@ -15,8 +15,8 @@ import zenoh
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from learner.model import ActionPress, GripperSample, Recording, Track
-from learner.simulation.camera import Noise
-from learner.simulation.world import World
+from learner.simulation.cell.camera import Noise
+from learner.simulation.cell.physics import World
 from pipelines.cell import Cell
 
 

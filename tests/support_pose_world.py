@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from learner.execution.ticking import Status, Ticker
 from learner.model import Node, Pose, Tree
-from learner.ticking import Status, Ticker
 
 NEAR_M = 0.05
 """So near to the end-effector an object has to be to be gripped (CONTRACT, section 3)."""

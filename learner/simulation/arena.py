@@ -1,7 +1,7 @@
 """What a world has to offer so that a tree can be run in it, disturbed, and judged by the truth.
 
-Two worlds do: `learner.simulation.kinematics.KinematicWorld` (no dynamics, thousands of runs) and
-`learner.simulation.physical.PhysicalWorld` (PyBullet with the arm, about a second a run).
+Two worlds do: `learner.simulation.kinematic_world.KinematicWorld` (no dynamics, thousands of runs) and
+`learner.simulation.physical_world.PhysicalWorld` (PyBullet with the arm, about a second a run).
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+from learner.execution.ticking import Leaves
 from learner.model.pose import Vector
 from learner.simulation.gravity import Body, Spot, Table
-from learner.simulation.kinematics import Deed, Faults
-from learner.ticking import Leaves
+from learner.simulation.kinematic_world import Deed, Faults
 
 
 class Arena(Leaves, Protocol):

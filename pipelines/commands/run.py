@@ -98,7 +98,7 @@ def _on_cell(
     cell: str,
     stop: threading.Event,
 ) -> int:
-    from learner.perception import CellState
+    from learner.execution.perception import CellState
     from pipelines.cell_link import CellLink
 
     with CellLink(session, cell, CellState(plan.base_frame, plan.end_effector_frame)) as link:

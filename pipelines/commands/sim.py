@@ -45,10 +45,10 @@ def _live(arguments: argparse.Namespace, console: Console, session: zenoh.Sessio
 
     import numpy as np
 
-    from learner.simulation.camera import Noise
+    from learner.simulation.cell.camera import Noise
 
     with silent_standard_error():
-        from learner.simulation.world import World
+        from learner.simulation.cell.physics import World
     from pipelines.cell import Cell
 
     rng = np.random.default_rng(arguments.seed)

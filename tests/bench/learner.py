@@ -15,7 +15,7 @@ import numpy as np
 from learner.learning import METHODS
 from learner.model import Demonstration
 from learner.parameters import Parameters
-from learner.proof import prove
+from learner.proof.prover import prove
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the experiments make the demonstrations
 from experiments.demonstrator import demonstrated

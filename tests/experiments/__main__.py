@@ -38,7 +38,7 @@ def main() -> None:
 
 INTRODUCTION = """\
 Written by `make experiments`; every number can be had again with the seeds in `tests/experiments`. Trees are judged by
-the truth of a kinematic world (`learner/simulation/kinematics.py`): every relation of the goal holds for a second,
+the truth of a kinematic world (`learner/simulation/kinematic_world.py`): every relation of the goal holds for a second,
 nothing is held, the tree says SUCCESS, after a disturbance, with at most three times the actions of an undisturbed
 run, with 3 mm and 1 degree of noise in every pose that the tree sees. *Done* counts the runs in which nothing was
 covered or occupied; *recovery* those in which a way out had to be found that no demonstration shows. *False success*
@@ -62,9 +62,9 @@ count as compatible by its Table II. In the cell *real*, a wrong cube that is pu
 so a guard or a goal.
 
 *What the rehearsal finds* is about trees as they are published: rehearsed and repaired in simulation and replayed with
-the arm (`learner/trial.py`). The trees of the other tables were not, so that those show what a tree is worth without.
+the arm (`learner/rehearsal/`). The trees of the other tables were not, so that those show what a tree is worth without.
 
-*In PyBullet, with the arm* runs the same method's trees in a world with dynamics (`learner/simulation/physical.py`): a
+*In PyBullet, with the arm* runs the same method's trees in a world with dynamics (`learner/simulation/`): a
 Panda that travels, touches and knocks things over, cubes that topple, conditions looked at ten times a second, the
 same noise. Starts and disturbances are drawn from what the arm reaches. A kind of disturbance that cannot happen in a
 task (one cube covers nothing) has no runs there."""

@@ -18,7 +18,7 @@ from learner.model import ActionPress, Demonstration, GripperSample, Recording, 
 from learner.model.pose import Quaternion, multiply
 from learner.observation import observe
 from learner.simulation.gravity import Spot
-from learner.simulation.kinematics import NOISELESS, KinematicWorld
+from learner.simulation.kinematic_world import NOISELESS, KinematicWorld
 
 from .scenarios import BASE, Scenario, Step
 from .users import EXPERT, User

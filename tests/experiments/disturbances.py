@@ -15,7 +15,7 @@ import numpy as np
 
 from learner.simulation.arena import Arena
 from learner.simulation.gravity import GIVE_M, Spot
-from learner.simulation.kinematics import WORKSPACE_M
+from learner.simulation.kinematic_world import WORKSPACE_M
 
 from .scenarios import Goal, Relation, Rests, Scenario, Step
 

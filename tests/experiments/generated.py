@@ -21,7 +21,7 @@ import numpy as np
 from learner.model import ObjectShape
 from learner.model.pose import Vector
 from learner.simulation.gravity import WALL_M, Body, Spot
-from learner.simulation.kinematics import WORKSPACE_M
+from learner.simulation.kinematic_world import WORKSPACE_M
 
 from .scenarios import BASE, Goal, Inside, Rests, Scenario, Start, Step
 

@@ -15,10 +15,10 @@ from typing import Final
 
 import numpy as np
 
-from learner.abstraction import AbstractWorld, Ints, States
 from learner.model import Node, Tree
 from learner.model.tree import RECOVERY_PREFIX
-from learner.proof import RUNNING, SUCCESS, Arena, Program, Ticks
+from learner.proof.abstract_world import AbstractWorld, Ints, States
+from learner.proof.prover import RUNNING, SUCCESS, Arena, Program, Ticks
 
 MOST_ALIKE: Final = 60_000
 """Whether a mutant behaves otherwise is looked at in at most so many states, evenly taken from all of them."""

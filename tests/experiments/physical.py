@@ -18,9 +18,9 @@ import numpy as np
 from learner.learning import METHODS
 from learner.model import Node
 from learner.parameters import Parameters
-from learner.simulation.arm_kinematics import reaches
-from learner.simulation.kinematics import Habits
-from learner.simulation.physical import PhysicalWorld
+from learner.simulation.cell.arm_kinematics import reaches
+from learner.simulation.kinematic_world import Habits
+from learner.simulation.physical_world import PhysicalWorld
 
 from .demonstrator import demonstrated
 from .disturbances import DISTURBANCES, When

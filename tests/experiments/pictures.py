@@ -14,10 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from learner.execution.ticking import Status, Ticker
 from learner.learning import learn
 from learner.simulation.gravity import Spot
-from learner.simulation.kinematics import WORKSPACE_M, KinematicWorld
-from learner.ticking import Status, Ticker
+from learner.simulation.kinematic_world import WORKSPACE_M, KinematicWorld
 
 from . import report
 from .demonstrator import demonstrated

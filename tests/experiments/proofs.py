@@ -13,7 +13,7 @@ import numpy as np
 from learner.learning import METHODS
 from learner.model import Node, Tree
 from learner.parameters import Parameters
-from learner.proof import Certificate, prove
+from learner.proof.prover import Certificate, prove
 
 from .cells import KINDS, kept
 from .demonstrator import demonstrated

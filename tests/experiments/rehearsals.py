@@ -13,13 +13,13 @@ from statistics import median
 from typing import Any, Final
 
 from learner.errors import LearnerError
-from learner.goal import goals_of
 from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, Tree
-from learner.plan import Plan
-from learner.rehearsal import Rehearsal, rehearse
-from learner.stage import Stage
+from learner.planning.draft import Plan
+from learner.rehearsal.goal import goals_of
+from learner.rehearsal.rehearsal import Rehearsal, rehearse
+from learner.rehearsal.stage import Stage
 
 from .cells import GENERATED, Cell, scenario_of
 from .report import grouped, name_of, table

@@ -15,11 +15,11 @@ from typing import Final, Literal
 
 import numpy as np
 
+from learner.execution.ticking import Status, Ticker
 from learner.model import Node, Tree
 from learner.model.pose import Quaternion
 from learner.simulation.arena import Arena
-from learner.simulation.kinematics import PERIOD_S, Habits, KinematicWorld, Noise
-from learner.ticking import Status, Ticker
+from learner.simulation.kinematic_world import PERIOD_S, Habits, KinematicWorld, Noise
 
 from .disturbances import Disturbance, When, needs_recovery
 from .scenarios import Scenario

@@ -17,7 +17,7 @@ import numpy as np
 from learner.model import ObjectShape, Scene
 from learner.model.pose import Vector
 from learner.simulation.gravity import WALL_M, Body, Spot
-from learner.simulation.kinematics import WORKSPACE_M
+from learner.simulation.kinematic_world import WORKSPACE_M
 
 BASE = "base"
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))

@@ -17,9 +17,9 @@ from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from learner.model import Pose
 from learner.observation import observe
-from learner.simulation.arm_kinematics import pointing_down
+from learner.simulation.cell.arm_kinematics import pointing_down
+from learner.simulation.cell.physics import World
 from learner.simulation.scenarios import SCENARIOS
-from learner.simulation.world import World
 from pipelines.cell import Cell
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.question import ask

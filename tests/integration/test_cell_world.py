@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from learner.model import Pose
-from learner.simulation import skills
-from learner.simulation.arm_kinematics import pointing_down, yaw_of
-from learner.simulation.camera import Noise
+from learner.simulation.cell import skills
+from learner.simulation.cell.arm_kinematics import pointing_down, yaw_of
+from learner.simulation.cell.camera import Noise
+from learner.simulation.cell.physics import UnknownObjectError, World
+from learner.simulation.cell.skills import Outcome, Skill
 from learner.simulation.scenarios import BASE, SCENARIOS
-from learner.simulation.skills import Outcome, Skill
-from learner.simulation.world import UnknownObjectError, World
 
 STANDING = (0.0, 0.0, 0.0, 1.0)
 

@@ -15,10 +15,10 @@ import pytest
 import zenoh
 from support_cell import KinematicCell, free_endpoint, session_on
 
+from learner.execution.perception import CellState
 from learner.model.condition import GripperIs, InGripper, ObjectAt
 from learner.model.pose import Pose
 from learner.model.tree import Definition, Node, Tree, fallback, leaf, sequence
-from learner.perception import CellState
 from pipelines import controller
 from pipelines.cell_link import CellLink
 from pipelines.controller import FAILURES_IN_A_ROW, Controller, Result

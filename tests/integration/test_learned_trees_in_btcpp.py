@@ -13,12 +13,12 @@ from support_btcpp import CppTicker
 from support_demonstrations import scattered
 from support_pose_world import PoseWorld
 
+from learner.execution.ticking import Status
 from learner.learning import METHODS, learn
 from learner.model import Demonstration, Pose, Tree
 from learner.observation import observe
 from learner.parameters import Parameters
-from learner.simulation.kinematics import KinematicWorld
-from learner.ticking import Status
+from learner.simulation.kinematic_world import KinematicWorld
 from recorder.recording import read_recording
 from recorder.yaml_import import import_folder
 from storage.btcpp import from_xml, to_xml, validate

@@ -20,7 +20,7 @@ from experiments.scenarios import SCENARIOS
 
 from learner.model import GripperIs, Node
 from learner.model.tree import leaf
-from learner.simulation.arm_kinematics import reaches
+from learner.simulation.cell.arm_kinematics import reaches
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
+from learner.execution.ticking import Status, Ticker
 from learner.model import (
     Definition,
     Drop,
@@ -24,15 +25,14 @@ from learner.model import (
 )
 from learner.model.condition import DROP_RADIUS_M
 from learner.model.tree import Node, fallback, leaf, sequence
-from learner.simulation import skills
 from learner.simulation.arena import Arena
-from learner.simulation.arm_kinematics import inverse, pointing_down, reaches
+from learner.simulation.cell import skills
+from learner.simulation.cell.arm_kinematics import inverse, pointing_down, reaches
+from learner.simulation.cell.physics import World, upright
 from learner.simulation.gravity import Body, Spot
-from learner.simulation.kinematics import NOISELESS, Habits, KinematicWorld
-from learner.simulation.physical import PhysicalWorld
+from learner.simulation.kinematic_world import NOISELESS, Habits, KinematicWorld
+from learner.simulation.physical_world import PhysicalWorld
 from learner.simulation.scenarios import SCENARIOS
-from learner.simulation.world import World, upright
-from learner.ticking import Status, Ticker
 
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))
 BOX = Body(ObjectShape((0.3, 0.3, 0.08), "box"), "open_box")

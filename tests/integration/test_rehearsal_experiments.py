@@ -14,7 +14,7 @@ from experiments.scenarios import SCENARIOS
 from learner.learning import METHODS
 from learner.model import Demonstration
 from learner.parameters import Parameters
-from learner.plan import Plan
+from learner.planning.draft import Plan
 
 Demonstrations = list[Demonstration]
 

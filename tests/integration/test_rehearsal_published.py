@@ -22,8 +22,8 @@ from learner.learned import Learned
 from learner.learning import METHODS, learn
 from learner.model import Demonstration, ObjectShape, Scene
 from learner.parameters import Parameters
-from learner.plan import Plan
-from learner.trial import tried
+from learner.planning.draft import Plan
+from learner.rehearsal.trial import tried
 from pipelines.home import Home
 from pipelines.ingest import ingest
 from pipelines.learn import Choice, learn_from, publish

@@ -6,8 +6,8 @@ from hypothesis import HealthCheck, given, settings
 from support_btcpp import CppTicker
 from support_trees import trees
 
+from learner.execution.ticking import Status, Ticker
 from learner.model.tree import Node, Tree
-from learner.ticking import Status, Ticker
 from storage.btcpp import to_xml
 
 

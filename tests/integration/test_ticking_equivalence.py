@@ -1,4 +1,4 @@
-"""One meaning of a tick: learner.ticking, learner.engine (py_trees) and the real BehaviorTree.CPP, call for call.
+"""One meaning of a tick: our interpreter, py_trees and the real BehaviorTree.CPP, call for call.
 
 Random trees with scripted leaves: what a leaf returns depends on the leaf and the number of the tick alone, so that
 the three runs see the same world as long as they do the same. Compared are the status of every tick, and every call of
@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from support_btcpp import CppTicker, leaves
 from support_trees import trees
 
-from learner.engine import Engine
+from learner.execution.engine import Engine
+from learner.execution.ticking import Leaves, Status, Ticker
 from learner.model.tree import DECORATORS, FALLBACKS, SEQUENCES, Node, Tree
-from learner.ticking import Leaves, Status, Ticker
 from storage.btcpp import to_xml
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE

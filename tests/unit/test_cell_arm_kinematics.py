@@ -9,7 +9,7 @@ import pytest
 
 from learner.model import Pose
 from learner.model.pose import angle_between
-from learner.simulation.arm_kinematics import FINGERS_LONGER_M, forward, inverse, pointing_down, tilt_rad, yaw_of
+from learner.simulation.cell.arm_kinematics import FINGERS_LONGER_M, forward, inverse, pointing_down, tilt_rad, yaw_of
 from learner.simulation.scenarios import REACH_M
 
 

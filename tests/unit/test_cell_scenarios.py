@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from learner.model import Pose
-from learner.simulation.camera import Camera, Noise
+from learner.simulation.cell.camera import Camera, Noise
 from learner.simulation.scenarios import (
     BASE,
     REACH_M,

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from learner.errors import TreeError
+from learner.execution.perception import NEAR_M, UNSEEN_NS, CellState, condition_of
 from learner.model.condition import GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
 from learner.model.pose import Pose, Vector
 from learner.model.tree import Node, leaf
-from learner.perception import NEAR_M, UNSEEN_NS, CellState, condition_of
 
 MS = 1_000_000
 UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)

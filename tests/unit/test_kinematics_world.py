@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from learner.errors import LearnerError
+from learner.execution.ticking import Status, Ticker
 from learner.model import Drop, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt, ObjectShape, Pick, Place, SetGripper
 from learner.model.tree import Node, leaf, sequence
 from learner.simulation.gravity import Body, Spot
-from learner.simulation.kinematics import NOISELESS, Habits, KinematicWorld, Noise
-from learner.ticking import Status, Ticker
+from learner.simulation.kinematic_world import NOISELESS, Habits, KinematicWorld, Noise
 
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))
 BOX = Body(ObjectShape((0.3, 0.3, 0.08), "box"), "open_box")

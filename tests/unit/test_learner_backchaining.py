@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learner.backchaining import Operator, Plan, Planner
+from learner.execution.perception import condition_of
+from learner.execution.ticking import Status, Ticker
 from learner.model import (
     Action,
     Condition,
@@ -20,9 +21,8 @@ from learner.model import (
     SetGripper,
 )
 from learner.model.tree import leaf
-from learner.perception import condition_of
-from learner.pointworld import PointWorld
-from learner.ticking import Status, Ticker
+from learner.paper.backchaining import Operator, Plan, Planner
+from learner.paper.pointworld import PointWorld
 
 DOWN, HAND = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.1)
 COSTS = {Pick: 20.0, Place: 20.0, SetGripper: 2.0}

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from learner.clustering import clusters_in_frame, dbscan, greatest_distance, of_members, score
-from learner.evidence import log_density, posterior
+from learner.inference.clustering import clusters_in_frame, dbscan, greatest_distance, of_members, score
+from learner.inference.frames import log_density, posterior
 from learner.model.pose import Array, rotate
 
 NUMBERS = st.floats(-1, 1)

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learner.constraints import goals, guards, orders
+from learner.inference.order import orders
 from learner.model import Action, Condition, Drop, GripperIs, InGripper, ObjectAt, Pick, Place, compatible
+from learner.paper.constraints import goals, guards
 
 DOWN, HAND = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.1)
 SEQUENCES = st.lists(st.lists(st.sampled_from("abcd"), max_size=5), max_size=4)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from learner.grasps import STROKE_M, Upright, borrowed_grasp, quarter_turned
 from learner.model import ObjectShape, Pose
 from learner.model.pose import rotate
+from learner.planning.grasps import STROKE_M, Upright, borrowed_grasp, quarter_turned
 
 Z, X = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 DOWN = (1.0, 0.0, 0.0, 0.0)

@@ -13,10 +13,10 @@ from support_demonstrations import ON_TOP, Put, Script, Take, hanoi, hanoi_start
 from support_pose_world import PoseWorld, done, run
 
 from learner.errors import NothingLearnedError
+from learner.execution.ticking import Status
 from learner.learned import Learned
 from learner.learning import DEFAULT_METHOD, METHODS, learn
 from learner.model import Demonstration, Pose
-from learner.ticking import Status
 
 CUBES = "ABCDEF"
 

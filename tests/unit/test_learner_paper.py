@@ -9,12 +9,12 @@ import pytest
 from support_demonstrations import ON_TOP, Put, Script, Take, hanoi, hanoi_start, repeated, scattered, scripted
 from support_pose_world import PoseWorld, done
 
+from learner.inference.samples import samples_of
 from learner.learned import Learned
 from learner.learning import METHODS, learn
 from learner.model import Demonstration
-from learner.paper import identify
+from learner.paper.method import identify
 from learner.parameters import PaperParameters, Parameters
-from learner.samples import samples_of
 
 A_DOWN, B_DOWN = Put("A", "base", (0.35, -0.3, 0.025)), Put("B", "base", (0.35, 0.3, 0.025))
 TWICE = [A_DOWN, B_DOWN, Put("A", "board", (-0.12, 0.0, 0.035)), Put("B", "A", ON_TOP)]

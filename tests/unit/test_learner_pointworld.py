@@ -18,7 +18,7 @@ from learner.model import (
     SetGripper,
     compatible,
 )
-from learner.pointworld import PointWorld
+from learner.paper.pointworld import PointWorld
 
 DOWN, HAND = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.1)
 NOTHING_DONE: set[Condition] = {GripperIs("open"), InGripper("none")}

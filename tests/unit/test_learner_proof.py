@@ -12,12 +12,12 @@ from experiments.mutations import teeth
 from experiments.proofs import failures
 from experiments.scenarios import SCENARIOS
 
-from learner.abstraction import AbstractWorld
 from learner.learning import METHODS, learn
 from learner.model import Definition, Drop, GripperIs, InGripper, Node, ObjectRoughlyAt, Pick, Place, SetGripper, Tree
 from learner.model.tree import fallback, leaf, sequence
 from learner.parameters import Parameters
-from learner.proof import Keys, prove
+from learner.proof.abstract_world import AbstractWorld
+from learner.proof.prover import Keys, prove
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 ZERO = (0.0, 0.0, 0.0)

@@ -19,7 +19,7 @@ from learner.model import (
     Tree,
 )
 from learner.model.tree import fallback, leaf, sequence
-from learner.proof import prove
+from learner.proof.prover import prove
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 ZERO = (0.0, 0.0, 0.0)

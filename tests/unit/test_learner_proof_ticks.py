@@ -1,4 +1,4 @@
-"""The proof's tick of many states says and does what learner.ticking does in each; its states are counted again."""
+"""The proof's tick of many states says and does what the Ticker does in each; its states are counted again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from experiments.scenarios import SCENARIOS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from learner.abstraction import AWAY, FIRST_PLACE, HELD, AbstractWorld, States
+from learner.execution.ticking import Status, Ticker
 from learner.learning import learn
 from learner.model import (
     Drop,
@@ -26,8 +26,8 @@ from learner.model import (
 )
 from learner.model.names import NONE
 from learner.model.tree import DECORATORS, FALLBACKS, SEQUENCES, leaf, sequence
-from learner.proof import NOTHING, Arena, Keys, Program, Ticks
-from learner.ticking import Status, Ticker
+from learner.proof.abstract_world import AWAY, FIRST_PLACE, HELD, AbstractWorld, States
+from learner.proof.prover import NOTHING, Arena, Keys, Program, Ticks
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 ZERO = (0.0, 0.0, 0.0)
@@ -68,7 +68,7 @@ TREES = st.recursive(st.sampled_from(WORDS).map(leaf), composites, max_leaves=15
 
 
 class OneState:
-    """A world of learner.ticking in one abstract state, in which time stands still."""
+    """A world of learner.execution.ticking in one abstract state, in which time stands still."""
 
     def __init__(self, states: States) -> None:
         self.states, self.layout = states, WORLD.layout(states)

@@ -13,8 +13,8 @@ from support_demonstrations import GRASP, POSES, at, turned
 from learner.model import Pose
 from learner.model.demonstration import Symmetry
 from learner.model.pose import angle_between
-from learner.rounding import rounded, rounded_pose
-from learner.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
+from learner.planning.rounding import rounded, rounded_pose
+from learner.planning.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
 
 UP = np.array([0.0, 0.0, 1.0])
 NEAR_RAD = math.radians(25)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from support_demonstrations import BASE, ON_TOP, TABLE_M, Put, Script, at, scattered, scripted
 
+from learner.inference.understanding import Understanding, understand
 from learner.learning import learn
 from learner.model import Demonstration, Pose
 from learner.parameters import Parameters
-from learner.understanding import Understanding, understand
 
 AT_BOX, THERE = Put("B", "box", (0.0, 0.14, 0.0)), Put("A", "box", (0.14, 0.0, 0.0))
 TWICE: Script = [AT_BOX, THERE, Put("B", "A", ON_TOP), AT_BOX]

@@ -11,14 +11,14 @@ import pytest
 from support_demonstrations import BASE, GRASP, ON_TOP, Put, Script, Shove, Take, at, scattered, scripted, turned
 from support_pose_world import PoseWorld, done
 
+from learner.inference.moves import moves_of
+from learner.inference.targets import TargetFinder
 from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, Node, ObjectShape, Pose, Scene
 from learner.model.demonstration import Symmetry
 from learner.model.pose import angle_between
-from learner.moves import moves_of
 from learner.parameters import Parameters
-from learner.targets import TargetFinder
 
 NAMES = ["A", "B", "box"]
 A_IN_BOX, B_IN_BOX = Put("A", "box", (0.0, 0.0, 0.0)), Put("B", "box", (0.1, 0.0, 0.0))

@@ -12,24 +12,24 @@ from experiments.demonstrator import demonstrated
 from experiments.scenarios import SCENARIOS
 from support_demonstrations import BASE, Put, at, repeated
 
-from learner.executables import Executables
-from learner.goal import Goal, goals_of, holds
-from learner.imagination import KINDS, SHOWN, imagined
-from learner.learned import main_id
+from learner.execution.ticking import Status
+from learner.inference.targets import Target
+from learner.inference.understanding import understand
 from learner.learning import METHODS
 from learner.model import Demonstration, Drop, ObjectAt, Place, Tree
 from learner.model.condition import Condition
 from learner.parameters import Parameters
-from learner.plan import Plan, in_order
-from learner.recovery import Recovery
-from learner.rehearsal import Actor, rehearse
-from learner.repairs import NOTHING, Attempt, Lessons, Repairs, attempts
+from learner.planning.actions import Executables
+from learner.planning.draft import Plan, in_order
+from learner.planning.recovery import Recovery
+from learner.planning.repairs import NOTHING, Repairs
+from learner.planning.synthesis import main_id, tree_of
+from learner.rehearsal.goal import Goal, goals_of, holds
+from learner.rehearsal.lessons import Attempt, Lessons, attempts
+from learner.rehearsal.rehearsal import Actor, rehearse
+from learner.rehearsal.rollouts import KINDS, SHOWN, imagined
+from learner.rehearsal.stage import Stage
 from learner.simulation.gravity import Body, Spot
-from learner.stage import Stage
-from learner.synthesis import tree_of
-from learner.targets import Target
-from learner.ticking import Status
-from learner.understanding import understand
 
 PARAMETERS = Parameters()
 

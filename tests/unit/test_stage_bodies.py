@@ -12,13 +12,13 @@ from experiments.scenarios import SCENARIOS
 from experiments.users import REAL
 from support_demonstrations import BASE, Put, at, scripted
 
+from learner.execution.ticking import Status, Ticker
 from learner.learning import METHODS
 from learner.model import Demonstration, ObjectShape, Pose, Scene
 from learner.model.pose import multiply
 from learner.parameters import Parameters
-from learner.simulation.kinematics import NOISELESS
-from learner.stage import Stage
-from learner.ticking import Status, Ticker
+from learner.rehearsal.stage import Stage
+from learner.simulation.kinematic_world import NOISELESS
 
 CUBE = ObjectShape((0.05, 0.05, 0.05), "cube")
 SCENE = Scene({"A": CUBE, "B": CUBE, "box": ObjectShape((0.3, 0.3, 0.08), "box")})

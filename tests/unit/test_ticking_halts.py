@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from learner.errors import TreeError
+from learner.execution.ticking import Status, Ticker
 from learner.model.condition import InGripper
 from learner.model.tree import Node, fallback, leaf, sequence, subtree
-from learner.ticking import Status, Ticker
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 

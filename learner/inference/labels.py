@@ -1,0 +1,84 @@
+"""Which label fits a release: Place or Drop, judged from how high it was released and how tightly the rests lie."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from learner.inference.samples import Sample
+from learner.model import DemonstratedAction, Demonstration
+from learner.parameters import Parameters
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The label that fits a set of releases of one target, and the evidence in a sentence."""
+
+    type: str
+    chosen: str
+    evidence: str
+
+    @property
+    def corrected(self) -> bool:
+        return self.type != self.chosen
+
+
+def fall_m(sample: Sample) -> float | None:
+    """How far [m] the object came down from the press to its rest, in the base; None if its rest was not seen."""
+    return _fall_m(sample.action, sample.base_frame)
+
+
+def doubts(demonstration: Demonstration, parameters: Parameters) -> Iterator[str]:
+    """Sentences on releases of one demonstration whose label does not fit how high the object was released.
+
+    One demonstration tells height alone, so only what is clear is told: placed from above the drop height, or dropped
+    from below `least_drop_m`. Learning judges all demonstrations together (see `verdict`).
+    """
+    for action in demonstration.actions:
+        fall = None if action.type == "pick" else _fall_m(action, demonstration.base_frame)
+        high = fall is not None and fall > parameters.drop_height_m
+        low = fall is not None and fall < parameters.least_drop_m
+        if fall is not None and (high if action.type == "place" else low):
+            other = "drop" if high else "place"
+            yield (
+                f"action {action.step} ({action.type} {action.object}): released {1000 * fall:.0f} mm above its rest, "
+                f"which fits a {other}; `treewright relabel {demonstration.demonstration_id} {action.step} {other}` "
+                f"corrects it"
+            )
+
+
+def _fall_m(action: DemonstratedAction, base_frame: str) -> float | None:
+    if not action.rest_seen or action.rest is None:
+        return None
+    return action.objects[action.object].position[2] - action.rest[base_frame].position[2]
+
+
+def verdict(samples: Sequence[Sample], spread_m: float, on_top: bool, parameters: Parameters) -> Verdict:
+    """The label that fits the releases of one target.
+
+    `spread_m` is the greatest distance of a rest to their mean; `on_top` tells that the object rests upon another
+    one, where a drop's cylinder cannot tell on from beside. So: what rests tightly on another was placed; what fell
+    from above the drop height, or lies further apart than a placement may, was dropped; what was set down low and
+    tightly was placed. In between, and where no rest was seen, the operator is right; a person who relabelled is.
+    """
+    by_person = [sample.action.type for sample in samples if sample.action.relabelled]
+    chosen = _majority(by_person or [sample.action.type for sample in samples])
+    if by_person:
+        return Verdict(chosen, chosen, "a person gave this label afterwards")
+    falls = [fall for fall in map(fall_m, samples) if fall is not None]
+    if not falls:
+        return Verdict(chosen, chosen, "the object was not seen at rest; the operator's label stands")
+    fall = float(np.median(falls))
+    evidence = f"released {1000 * fall:.0f} mm above its rest, rests within {1000 * spread_m:.0f} mm of their mean"
+    tight = len(samples) >= parameters.min_samples and spread_m < parameters.tight_m
+    if tight and on_top:
+        return Verdict("place", chosen, f"{evidence}, upon another object")
+    if fall > parameters.drop_height_m or spread_m > parameters.place_radius_m:
+        return Verdict("drop", chosen, evidence)
+    return Verdict("place" if tight else chosen, chosen, evidence)
+
+
+def _majority(labels: Sequence[str]) -> str:
+    return max(sorted(set(labels)), key=list(labels).count)

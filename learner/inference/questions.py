@@ -1,0 +1,59 @@
+"""What to show next: for each action whose frame is not certain, the one demonstration that would decide it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from learner.inference.targets import Target
+from learner.model import Demonstration
+from learner.parameters import Parameters
+
+
+def questions(
+    demonstrations: Sequence[Demonstration], targets: Sequence[Target], parameters: Parameters
+) -> list[dict[str, Any]]:
+    """A question for each target that is not sure, the least certain first, and one if there are too few
+    demonstrations to tell anything.
+    """
+    base = demonstrations[0].base_frame
+    unsure = [t for t in targets if t.supported and t.certainty < parameters.sure and t.rival() is not None]
+    asked = [_question(target, base) for target in sorted(unsure, key=lambda t: (t.certainty, t.object, t.members))]
+    if targets and not any(target.supported for target in targets):
+        asked.insert(0, _more(demonstrations, parameters))
+    return asked
+
+
+def _question(target: Target, base: str) -> dict[str, Any]:
+    rival = target.rival()
+    show = _contrast(target.frame, str(rival), base)
+    action = f"{target.verdict.type} {target.object}"
+    return {
+        "action": action,
+        "frame": target.frame,
+        "rival": rival,
+        "certainty": round(target.certainty, 4),
+        "show": show,
+        "sentence": f"{action}: the frame may be {target.frame} ({100 * target.certainty:.0f} %) or {rival}; "
+        f"to decide it, {show} and demonstrate once more",
+    }  # fmt: skip
+
+
+def _contrast(frame: str, rival: str, base: str) -> str:
+    if rival == base:
+        return f"move {frame} to another place"
+    if frame == base:
+        return f"move {rival} to another place"
+    return f"move {rival}, leave {frame}"
+
+
+def _more(demonstrations: Sequence[Demonstration], parameters: Parameters) -> dict[str, Any]:
+    count = len(demonstrations)
+    missing = max(parameters.min_samples - count, 1)
+    where = "there" if count == 1 else f"in one of them (first of all {demonstrations[0].demonstration_id})"
+    sentence = (
+        f"from {count} demonstration{'s' if count > 1 else ''} the tree works only where things start as they did "
+        f"{where}; show {missing} more, with every object moved to another place"
+    )
+    return {"action": None, "frame": demonstrations[0].base_frame, "rival": None, "certainty": None,
+            "show": "move every object to another place", "sentence": sentence}  # fmt: skip

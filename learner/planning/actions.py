@@ -1,0 +1,186 @@
+"""From targets to executable actions: one grasp an object, one placement a target, radii from spread and neighbours."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from learner.inference.moves import Move
+from learner.inference.targets import Target
+from learner.model import DemonstratedAction, Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
+from learner.model.demonstration import Symmetry
+from learner.parameters import Parameters
+from learner.planning.grasps import Upright
+from learner.planning.rounding import rounded, rounded_pose, rounded_vector
+from learner.planning.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
+
+RAISED = 0.7
+"""A radius is at most this share of the lowest object's height: what stands upon another is not in its place."""
+RELEASE_CLEARANCE_M = 0.005
+"""How far above its rest an object is let go where the operator's label of a drop was corrected to a placement."""
+
+
+class Executables:
+    """The actions of a task: `grasps` in each object's own frame, `placements` by target."""
+
+    def __init__(
+        self,
+        demonstrations: Sequence[Demonstration],
+        moves: Sequence[Move],
+        targets: Sequence[Target],
+        parameters: Parameters,
+    ) -> None:
+        self.parameters, self.moves, self.demonstrations = parameters, moves, demonstrations
+        self.scene = scene_of(demonstrations)
+        self.picks: dict[str, list[DemonstratedAction]] = defaultdict(list)
+        for move in moves:
+            self.picks[move.object].append(move.pick)
+        self.axes = {name: upright_axis([p.objects[name] for p in self.picks[name]]) for name in sorted(self.picks)}
+        self.grasps = {name: self._grasp(name) for name in self.axes}
+        self.nearest_m = nearest_rests_m(demonstrations, moves, targets)
+        self.placements: dict[Target, Place | Drop] = {target: self._placement(target) for target in targets}
+
+    def pick(self, name: str) -> Pick:
+        """The mean grasp of an object, in its own frame."""
+        grasp = rounded_pose(self.grasps[name])
+        return Pick(name, name, grasp.position, grasp.quaternion_xyzw)
+
+    def grasp_of(self, pick: Pick) -> Pose:
+        """The end-effector's pose in the object's frame when it grasps as `pick` does."""
+        return Pose(pick.position, pick.orientation)
+
+    def _symmetry(self, name: str) -> Symmetry:
+        return self._shape(name).symmetry
+
+    def _shape(self, name: str) -> ObjectShape:
+        unknown = ObjectShape((0.0, 0.0, 0.0))
+        return self.scene.objects.get(name, unknown) if self.scene else unknown
+
+    def _grasp(self, name: str) -> Pose:
+        """As most picks of the object agree; where too few do, as those of all objects alike do together.
+
+        How the hand is turned to the faces is the operator's habit and the gripper's, not the object's: markers that
+        flip or come late must not decide it where other objects tell better. Where the hand is beside the origin is
+        the object's own, unless too few of its picks agree with what was pooled.
+        """
+        own, alike = self._demonstrated(name), [g for other in self._alike(name) for g in self._demonstrated(other)]
+        mean, least = self._mean(name, own), self.parameters.min_samples
+        if not alike or len(self._agreeing(name, own, mean)) >= max(least, len(own) // 2 + 1):
+            return mean
+        pooled = self._mean(name, [*own, *alike])
+        agreeing = self._agreeing(name, own, pooled)
+        return self._mean(name, agreeing) if len(agreeing) >= min(least, len(own)) else pooled
+
+    def _demonstrated(self, name: str) -> list[Pose]:
+        """The end-effector's poses in the object's frame at its picks."""
+        return [pick.objects[name].inverse() @ pick.end_effector for pick in self.picks[name]]
+
+    def _alike(self, name: str) -> list[str]:
+        """The other picked objects that have the same known shape and stand on the same axis."""
+        known = self.scene.objects if self.scene else {}
+        return [
+            other
+            for other, axis in self.axes.items()
+            if other != name
+            and name in known
+            and known.get(other) == known[name]
+            and np.array_equal(axis, self.axes[name])
+        ]
+
+    def _mean(self, name: str, grasps: Sequence[Pose]) -> Pose:
+        return mean_in_object(grasps, self._symmetry(name), self.axes[name], self.parameters.aligned_rad)
+
+    def _agreeing(self, name: str, grasps: Sequence[Pose], mean: Pose) -> list[Pose]:
+        orientation = np.array(mean.quaternion_xyzw)
+        symmetry, axis = self._symmetry(name), self.axes[name]
+        return agreeing_in_object(grasps, orientation, symmetry, axis, self.parameters.aligned_rad)
+
+    def _placement(self, target: Target) -> Place | Drop:
+        name, p = target.object, self.parameters
+        axis, symmetry = self.axes[name], self._symmetry(name)
+        release = mean_of_object(target.releases, symmetry, axis, p.aligned_rad)
+        if target.verdict.corrected and target.verdict.type == "place":
+            release = self._lowered(target, release)
+        hand = rounded_pose(release @ self.grasps[name])
+        rest = rounded_vector(robust_mean(np.array([pose.position for pose in target.rests])))
+        if target.verdict.type == "place":
+            return Place(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._place_radius(target))
+        return Drop(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._drop_radius(target))
+
+    def _lowered(self, target: Target, release: Pose) -> Pose:
+        """The release brought down to just above the rest: what was dropped upon something is placed upon it."""
+        rest = robust_mean(np.array([pose.position for pose in target.rests]))
+        fall = np.array(release.position) - rest
+        height = float(np.linalg.norm(fall))
+        return Pose.of(rest + fall * min(1.0, RELEASE_CLEARANCE_M / max(height, 1e-9)), release.quaternion_xyzw)
+
+    def _place_radius(self, target: Target) -> float:
+        """From the spread of the rests, and less where neighbours or what is stacked must be told apart."""
+        p = self.parameters
+        rests = np.array([pose.position for pose in target.rests])
+        sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
+        wide = p.noise_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
+        apart = 0.49 * self.nearest_m.get(target, np.inf)
+        least = min(p.place_radius_m, max(p.least_radius_m, p.sigmas_seen * self._seen_m(target, rests)))
+        return rounded(max(least, min(p.place_radius_m, wide, apart, RAISED * self._lowest_m())))
+
+    def _seen_m(self, target: Target, rests: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+        """The scatter [m] per axis of what a camera sees of an object in a frame that it sees turned, too."""
+        if target.frame == self.demonstrations[0].base_frame:
+            return self.parameters.seen_m
+        lever_m = float(np.linalg.norm(np.median(rests, axis=0)))
+        return float(np.hypot(np.sqrt(2.0) * self.parameters.seen_m, self.parameters.seen_rad * lever_m))
+
+    def _lowest_m(self) -> float:
+        """The height [m] of the lowest object that is picked, as it stands; infinite where no scene tells it."""
+        known = self.scene.objects if self.scene else {}
+        heights = (Upright(known[name], axis).height_m for name, axis in self.axes.items() if name in known)
+        return min(heights, default=np.inf)
+
+    def _drop_radius(self, target: Target) -> float:
+        """The paper's, but not wider than the container dropped into, where its shape is known."""
+        p, shape = self.parameters, self._shape(target.frame)
+        rest = robust_mean(np.array([pose.position for pose in target.rests]))
+        sides = sorted(shape.size_m)[1:]
+        inside = min(sides) / 2 if min(sides) > 0 else np.inf
+        contained = inside if np.linalg.norm(rest) < max(shape.size_m) / 2 else np.inf
+        apart = 0.49 * self.nearest_m.get(target, np.inf)
+        return rounded(max(p.least_radius_m, min(p.drop_radius_m, contained, max(apart, p.place_radius_m))))
+
+
+def scene_of(demonstrations: Sequence[Demonstration]) -> Scene | None:
+    """The newest scene that a demonstration carries; None if none does."""
+    known = [demonstration for demonstration in demonstrations if demonstration.scene]
+    newest = max(known, key=lambda d: (d.start_ns or 0, d.demonstration_id), default=None)
+    return newest.scene if newest else None
+
+
+def nearest_rests_m(
+    demonstrations: Sequence[Demonstration], moves: Sequence[Move], targets: Sequence[Target]
+) -> Mapping[Target, float]:
+    """For each target the distance [m] to the nearest other target reached in one demonstration, in the base.
+
+    The median over demonstrations of the distance between rests. Targets that are never reached in one
+    demonstration do not count, nor do two equal places of one object.
+    """
+    rests: dict[int, dict[Target, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]] = defaultdict(dict)
+    for target in targets:
+        for number in target.members:
+            move = moves[number]
+            if move.release is not None and move.release.rest is not None:
+                base = demonstrations[move.demonstration].base_frame
+                rests[move.demonstration][target] = np.array(move.release.rest[base].position)
+    distances: dict[tuple[Target, Target], list[float]] = defaultdict(list)
+    for reached in rests.values():
+        for a, at_a in reached.items():
+            for b, at_b in reached.items():
+                if a is not b:
+                    distances[a, b].append(float(np.linalg.norm(at_a - at_b)))
+    nearest: dict[Target, float] = {}
+    for (a, _), values in distances.items():
+        middle = float(np.median(values))
+        if middle > 0.02:
+            nearest[a] = min(middle, nearest.get(a, np.inf))
+    return nearest

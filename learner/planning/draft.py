@@ -1,0 +1,111 @@
+"""A plan: what was understood, from which our method makes the tree, once more for each repair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from learner.inference.goals import Group, Step
+from learner.inference.targets import Target
+from learner.inference.understanding import Understanding
+from learner.model import Drop, InGripper, Node, Place, Tree
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
+from learner.model.tree import fallback, leaf, sequence
+from learner.parameters import Parameters
+from learner.planning.actions import Executables
+from learner.planning.recovery import Recovery
+from learner.planning.repairs import NOTHING, Repairs
+from learner.planning.synthesis import main_id, tree_of
+
+
+@dataclass(frozen=True)
+class Plan:
+    """`understood` is what all demonstrations mean, `without` for each of several users what those of the others mean
+    (None where they are too few, or mean nothing).
+    """
+
+    understood: Understanding
+    parameters: Parameters
+    without: Mapping[str, Understanding | None]
+
+    def tree(self, repairs: Repairs = NOTHING) -> Tree:
+        """The tree, with what a rehearsal has taught."""
+        understood = self.understood
+        actions = self._actions()
+        actions.placements.update(
+            {target: replace(actions.placements[target], radius=radius) for target, radius in repairs.radii}
+        )
+        groups = [replace(group, steps=in_order(group, repairs)) for group in understood.groups]
+        recovery = Recovery(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
+        return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
+
+    def shared_targets(self) -> list[Target]:
+        """The targets that a demonstration of some group reached; not those of somebody who means another task."""
+        understood = self.understood
+        counted = {number for group in understood.groups for number in group.demonstrations}
+        return [t for t in understood.targets if any(understood.moves[m].demonstration in counted for m in t.members)]
+
+    def nominal_tree(self) -> Tree:
+        """The tree without the SubTrees that only recover; much faster made than those are."""
+        groups, actions = self.understood.groups, self._actions()
+        return tree_of(main_id(self.understood.demonstrations), groups, actions, _NoRecovery())
+
+    @cached_property
+    def placements(self) -> Mapping[Target, Place | Drop]:
+        """How each target is reached, as it was demonstrated."""
+        return self._actions().placements
+
+    @cached_property
+    def goal(self) -> Node:
+        """Where a tree may say SUCCESS: all that holds at the end of some group, with the paper's radii."""
+        widest = {Place: PLACE_RADIUS_M, Drop: DROP_RADIUS_M}
+        ways = []
+        for group in self.understood.groups:
+            reached = [self.placements[step.target] for step in group.steps]
+            relations = [leaf(replace(place.achieves, radius=widest[type(place)])) for place in reached]
+            ways.append(sequence(*relations, *([leaf(InGripper(group.held))] if group.held else [])))
+        return fallback(*ways)
+
+    def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
+        """The goals of each group as the tree pursues them."""
+        return [[step.target for step in in_order(group, repairs)] for group in self.understood.groups]
+
+    @cached_property
+    def nearest_m(self) -> Mapping[Target, float]:
+        """For each target the distance [m] to the nearest other one."""
+        return self._actions().nearest_m
+
+    def _actions(self) -> Executables:
+        understood = self.understood
+        return Executables(understood.demonstrations, understood.moves, understood.targets, self.parameters)
+
+
+class _NoRecovery(Recovery):
+    """Makes room for nothing."""
+
+    def __init__(self) -> None:
+        self._definitions = {}
+
+    def before(self, *_: Any, **__: Any) -> Sequence[Node]:
+        """Nothing."""
+        return ()
+
+    def standing(self, *_: Any, **__: Any) -> Sequence[Node]:
+        """Nothing."""
+        return ()
+
+    def otherwise(self, *_: Any, **__: Any) -> Sequence[Node]:
+        """Nothing."""
+        return ()
+
+
+def in_order(group: Group, repairs: Repairs) -> tuple[Step, ...]:
+    """The steps, each that is to come before another moved before it; what contradicts itself stays as it is."""
+    left, found = list(group.steps), []
+    while left:
+        free = [s for s in left if not any((other.target, s.target) in repairs.before for other in left)]
+        found.append((free or left)[0])
+        left.remove(found[-1])
+    return tuple(found)

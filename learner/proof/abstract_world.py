@@ -1,0 +1,489 @@
+"""The abstract world of a tree: the places that its conditions speak of, what lies where, and what each leaf does.
+
+A state says of every object that the tree names whether it is held, at one of the places that conditions speak of, or
+away; and whether the gripper is open. Places are relative: what lies at a place in the frame of another object moves
+with it. An action that can succeed does, and takes one step; it cannot if the gripper is not as it must be, if the
+object is covered, or if its place is occupied. What is let go beside an object that itself lies upon another falls.
+Many states are looked at together: arrays have a row an object and a column a state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from learner.model import Node, Pose
+from learner.model.names import NONE
+from learner.model.pose import Vector
+from learner.planning.recovery import LEVELS
+
+AWAY: Final = 0
+HELD: Final = 1
+FIRST_PLACE: Final = 2
+SAME_M: Final = 0.015
+"""Two positions in one frame this near are one place."""
+RESTS_M: Final = 0.03
+"""A placement leads to the place in its frame this near to where the object is let go."""
+OVERLAP_M: Final = 0.03
+"""Nearer than this two objects cannot lie beside each other; one that much higher or lower is upon the other."""
+SUPPORT_M: Final = 0.05
+"""What lies lower than an object and this near to its vertical may carry it."""
+UPON_M: Final = (0.02, 0.08)
+"""How much higher an object's origin lies than that of the one it covers."""
+ALIKE_M: Final = 0.012
+"""Places upon an object that differ by less in height are of things that lie directly upon it."""
+CHUNK: Final = 40_000
+"""So many states are looked at together: their columns stay in the processor's cache."""
+PROBE: Final = 4_000
+"""So many states tell how many more there are with one more object."""
+X, Y, Z, LEVEL, RAISED = range(5)
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
+Locations = NDArray[np.int16]
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place that a condition speaks of: `position` [m] in `frame`. `exact` if its height matters to a condition."""
+
+    frame: str
+    position: Vector
+    exact: bool
+
+
+@dataclass(frozen=True)
+class States:
+    """Many states: `locations` (objects, n) with AWAY, HELD or a place, `closed` (n,)."""
+
+    locations: Locations
+    closed: Bools
+
+    def __len__(self) -> int:
+        return len(self.closed)
+
+    def take(self, columns: Any) -> States:
+        """Some of the states."""
+        return States(self.locations[:, columns], self.closed[columns])
+
+    def chunks(self) -> Iterator[States]:
+        """The states in order, as many at a time as are best looked at together."""
+        for begin in range(0, len(self), CHUNK):
+            yield self.take(slice(begin, begin + CHUNK))
+
+    @staticmethod
+    def joined(parts: Sequence[States]) -> States:
+        """All states of some, in order."""
+        locations = np.concatenate([part.locations for part in parts], axis=1)
+        return States(locations, np.concatenate([part.closed for part in parts]))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How things lie to one another in many states; a row an object, then one for the base and each fixed frame.
+
+    `roots` (rows, n): what a chain of frames ends at, which is an object that is away or held, the base or a fixed
+    frame. `offsets` (5, rows, n): the position from there [m], and upon how many objects one lies in the chain, of any
+    kind (LEVEL) and of those that can be grasped (RAISED).
+    """
+
+    roots: NDArray[np.int32]
+    offsets: Floats
+
+    def take(self, columns: Any) -> Layout:
+        """The layout of some of the states."""
+        return Layout(self.roots[:, columns], self.offsets[:, :, columns])
+
+    def near(self, a: int, spot: Floats, root: NDArray[np.int32], radius_m: float, axes: int = 3) -> Bools:
+        """Where a lies within a distance of a spot (3, n) from `root` (n,); with two axes, of its vertical."""
+        squared = np.square(self.offsets[X, a] - spot[X])
+        for axis in range(1, axes):
+            squared += np.square(self.offsets[axis, a] - spot[axis])
+        return np.asarray((squared <= radius_m * radius_m) & (self.roots[a] == root))
+
+    def below(self, b: int, spot: Floats, root: NDArray[np.int32], radius_m: float) -> Bools:
+        """Where b lies as much lower than a spot as one object below another, so near to its vertical."""
+        rise = spot[Z] - self.offsets[Z, b]
+        return np.asarray((rise > UPON_M[0]) & (rise < UPON_M[1]) & self.near(b, spot, root, radius_m, axes=2))
+
+    def upon(self, a: int, b: int) -> Bools:
+        """Where object a lies upon object b."""
+        return self.below(b, self.offsets[:3, a], self.roots[a], OVERLAP_M)
+
+
+class AbstractWorld:
+    """The world of some trees' conditions: its objects, their places, and what each leaf does to many states."""
+
+    def __init__(self, base_frame: str, *roots: Node) -> None:
+        self.base_frame = base_frame
+        leaves = list(dict.fromkeys(node for root in roots for node in root.walk() if not node.children))
+        self.grasps = {str(n.port("object")): _pose(n) for n in leaves if n.kind == "Pick"}
+        self.objects = sorted({str(n.port("object")) for n in leaves if "object" in dict(n.ports)} - {NONE})
+        asked = {str(n.port("frame")) for n in leaves if "frame" in dict(n.ports)}
+        self.frames = [*self.objects, base_frame, *sorted(asked - {*self.objects, base_frame})]
+        self.index = {name: number for number, name in enumerate(self.frames)}
+        self.movable = [self.index[name] for name in self.objects if name in self.grasps]
+        self.places = {name: self._places_of(name, leaves) for name in self.objects}
+        self.sizes = [FIRST_PLACE + len(self.places[name]) for name in self.objects]
+        self.left_out: str | None = None
+        """Which states `states` has left out although they might be: piles that recovery does not take down."""
+
+    def _places_of(self, name: str, leaves: Sequence[Node]) -> list[Place]:
+        """The distinct places of an object; of a pile in one frame only the lowest, the others follow."""
+        found: list[Place] = []
+        own = [n for n in leaves if dict(n.ports).get("object") == name]
+        targets = {(str(n.port("frame")), self._let_go(n)) for n in own if n.kind in ("Place", "Drop")}
+        dropped = [self._let_go(n) for n in own if n.kind == "Drop" and n.port("frame") == self.base_frame]
+        spoken = [n for n in own if n.kind.startswith("Object") and not self._is_spot(n, dropped)]
+        exact = {(n.port("frame"), n.port("position")) for n in spoken if n.kind == "ObjectAt"}
+        spots = sorted({(str(n.port("frame")), vector(n.port("position"))) for n in spoken})
+        for frame, position in spots:
+            axes = 3 if (frame, position) in exact else 2
+            placed = any(f == frame and math.dist(p[:axes], position[:axes]) < RESTS_M for f, p in targets)
+            lowest = not any(f == frame and self._is_below(frame, p, position) for f, p in spots)
+            known = any(p.frame == frame and _near(p.position, position) for p in found)
+            if (placed or lowest) and not known:
+                found.append(Place(frame, position, (frame, position) in exact))
+        return found
+
+    def _is_below(self, frame: str, a: Vector, b: Vector) -> bool:
+        """Whether a stands under b in a pile: on one vertical of the base; in an object's frame, which may lie on any
+        side, nearer to the origin in the same direction.
+        """
+        if frame == self.base_frame:
+            return math.dist(a[:2], b[:2]) < OVERLAP_M and a[2] < b[2] - SAME_M
+        reach_a, reach_b = math.hypot(*a), math.hypot(*b)
+        return SAME_M < reach_a < reach_b - SAME_M and float(np.dot(a, b)) > 0.9 * reach_a * reach_b
+
+    def _is_spot(self, node: Node, dropped: Sequence[Vector]) -> bool:
+        """Whether a condition asks for a free spot on the table: a rough one in the base that no drop leads to."""
+        if node.kind != "ObjectRoughlyAt" or node.port("frame") != self.base_frame:
+            return False
+        position, reach_m = vector(node.port("position")), float(node.port("radius"))  # type: ignore[arg-type]  # a radius is a number
+        return all(np.linalg.norm(np.subtract(at, position)[:2]) > reach_m for at in dropped)
+
+    def _let_go(self, node: Node) -> Vector:
+        """Where the object's origin is when the end-effector stands at the target of a Place or Drop."""
+        grasp = self.grasps.get(str(node.port("object")), Pose((0.0, 0.0, 0.0)))
+        return (_pose(node) @ grasp.inverse()).position
+
+    @cached_property
+    def _steps(self) -> tuple[NDArray[np.int32], Floats]:
+        """For each object and location its frame (itself where the chain ends), and the offset (5, …) from there."""
+        most = max(self.sizes, default=FIRST_PLACE)
+        frames = np.repeat(np.arange(len(self.objects), dtype=np.int32)[:, None], most, axis=1)
+        offsets = np.zeros((5, len(self.objects), most), dtype=np.float32)
+        for a, name in enumerate(self.objects):
+            for number, place in enumerate(self.places[name], start=FIRST_PLACE):
+                upon = place.position[2] > UPON_M[0]
+                frames[a, number] = self.index[place.frame]
+                on_object, on_movable = upon and place.frame != self.base_frame, upon and place.frame in self.grasps
+                offsets[:, a, number] = (*place.position, on_object, on_movable)
+        return frames, offsets
+
+    # -- states ----------------------------------------------------------------------------------------------------
+
+    def layout(self, states: States) -> Layout:
+        """How things lie in states without a circle of frames: chains are followed twice as far in each turn."""
+        frames, steps = self._steps
+        m, n, rows = len(self.objects), len(states), len(self.frames)
+        roots = np.repeat(np.arange(rows, dtype=np.int32)[:, None], n, axis=1)
+        offsets = np.zeros((5, rows, n), dtype=np.float32)
+        for a in range(m):
+            roots[a] = frames[a][states.locations[a]]
+            offsets[:, a] = steps[:, a][:, states.locations[a]]
+        flat_roots, flat_offsets = roots.reshape(-1), offsets.reshape(5, -1)
+        pending = np.flatnonzero((roots[:m] != np.arange(m)[:, None]) & (roots[:m] < m))
+        while len(pending):
+            ends = flat_roots[pending] * np.intp(n) + pending % n
+            onward = flat_roots[ends]
+            goes_on = onward != flat_roots[pending]
+            pending, ends = pending[goes_on], ends[goes_on]
+            for row in flat_offsets:
+                row[pending] += row[ends]
+            flat_roots[pending] = onward[goes_on]
+        return Layout(roots, offsets)
+
+    def states(self, rng: np.random.Generator, exhaustive: int, sampled: int) -> tuple[States, bool]:
+        """All states that can be, sorted, and True; or, if there are more than `exhaustive`, so many drawn at random.
+
+        Possible is: at most one object held, by a closed gripper and with nothing lying in its frame; none rests on
+        itself or within another; what is high above the object of its frame, or beside one that lies upon another,
+        has something beneath it; no pile is higher than recovery takes down (see `left_out`).
+        """
+        partial, whole = States(np.zeros((len(self.objects), 1), np.int16), np.ones(1, bool)), True
+        for a in range(len(self.objects)):
+            share = self._share(partial, a, exhaustive if whole else 2 * sampled, 4 * sampled, rng)
+            partial, whole = self._laid(partial, a, rng, share), whole and share == 1
+            if len(partial) > exhaustive or not whole:
+                partial, whole = _drawn(partial, 2 * sampled, rng), False
+        partial = States.joined([part.take(self._carried(part)) for part in partial.chunks()])
+        free = (partial.locations != HELD).all(axis=0)
+        found = States.joined([partial, States(partial.locations[:, free], np.zeros(int(free.sum()), bool))])
+        if len(found) > exhaustive or not whole:
+            return _drawn(found, sampled, rng), False
+        return found, True
+
+    def _share(self, partial: States, a: int, few: int, enough: int, rng: np.random.Generator) -> float:
+        """With what share of the next states there are about `enough`; all of them (1) unless surely more than `few`.
+
+        A probe tells how many there are: to make all, only to draw some of them, takes the time of the whole proof.
+        """
+        if len(partial) * self.sizes[a] <= 2 * few:
+            return 1.0
+        probe = _drawn(partial, PROBE, rng)
+        expected = len(partial) * len(self._laid(probe, a, rng)) / len(probe)
+        return 1.0 if expected <= 2 * few else min(1.0, enough / expected)
+
+    def _laid(self, partial: States, a: int, rng: np.random.Generator, share: float = 1.0) -> States:
+        """The states in which also object a is held or laid somewhere, where it can be; or a share of them."""
+        size = self.sizes[a]
+        parts = []
+        for begin in range(0, len(partial), max(CHUNK // size, 1)):
+            part = partial.take(slice(begin, begin + max(CHUNK // size, 1)))
+            fits = self._free_for(a, part)
+            if share < 1:
+                fits &= rng.random(fits.shape) < share
+            columns, locations = np.nonzero(fits.T)
+            laid = part.take(columns)
+            laid.locations[a] = locations
+            parts.append(laid.take(self._apart(a, laid)))
+        return States.joined(parts)
+
+    def _free_for(self, a: int, part: States) -> Bools:
+        """In which states (locations, n) object a can be where: not in its own frame or that of a held object."""
+        layout = self.layout(part)
+        held = part.locations == HELD
+        fits = np.ones((self.sizes[a], len(part)), dtype=bool)
+        carries = (layout.roots == a).sum(axis=0) > 1
+        fits[HELD] = ~carries & ~held.any(axis=0) & (self.objects[a] in self.grasps)
+        for number, place in enumerate(self.places[self.objects[a]], start=FIRST_PLACE):
+            root = layout.roots[self.index[place.frame]]
+            fits[number] = root != a
+            for b in self.movable:
+                fits[number] &= ~(held[b] & (root == b))
+        return fits
+
+    def _apart(self, a: int, states: States) -> Bools:
+        """In which states none of the first objects up to a are within another, and no pile is too high."""
+        layout = self.layout(states)
+        fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= LEVELS
+        self.left_out = self.left_out if fits.all() else f"piles of more than {LEVELS + 1} objects"
+        for b, c in combinations([number for number in self.movable if number <= a], 2):
+            fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], OVERLAP_M)
+        return np.asarray(fits)
+
+    def _carried(self, states: States) -> Bools:
+        """In which states every object that needs it has something beneath it."""
+        hanging = [hangs for _, hangs in self._hanging(states)]
+        return np.asarray(~np.any([np.zeros(len(states), bool), *hanging], axis=0))
+
+    def _hanging(self, states: States) -> Iterator[tuple[int, Bools]]:
+        """For each place that may need something beneath it, its object and where that lies there without."""
+        layout = self.layout(states)
+        for a, number, place in self._in_need:
+            beside = self._is_beside(place)
+            hangs = states.locations[a] == number
+            if beside:
+                hangs &= self._is_raised(place.frame, layout)
+            if hangs.any():
+                there, frame = layout.take(hangs), place.frame if beside else None
+                hangs[hangs] = ~self._is_carried(a, there.offsets[:3, a], there.roots[a], there, frame)
+                yield a, hangs
+
+    @cached_property
+    def _in_need(self) -> list[tuple[int, int, Place]]:
+        """The places, with their objects and numbers, that are high, or beside what may be raised."""
+        return [
+            (a, number, place)
+            for a, name in enumerate(self.objects)
+            for number, place in enumerate(self.places[name], start=FIRST_PLACE)
+            if place.frame in (*self.grasps, self.base_frame)
+            and (self._height_m(place) > self._upon_m(name, place.frame) or self._is_beside(place))
+        ]
+
+    def _upon_m(self, name: str, frame: str) -> float:
+        """Up to this height [m] an object lies directly upon that of a frame: the lowest of its places there, and more
+        only by what two of them may differ by.
+        """
+        heights = [place.position[2] for place in self.places[name] if place.frame == frame != self.base_frame]
+        lowest = min((height for height in heights if height > UPON_M[0]), default=np.inf)
+        return min(UPON_M[1], lowest + ALIKE_M)
+
+    def _height_m(self, place: Place) -> float:
+        """How far a place is above the object of its frame [m]; in the base, above the lowest exact place there."""
+        if place.frame != self.base_frame:
+            return place.position[2]
+        heights = [
+            p.position[2] for places in self.places.values() for p in places if p.frame == place.frame and p.exact
+        ]
+        return place.position[2] - min(heights) if place.exact else 0.0
+
+    def _is_beside(self, place: Place) -> bool:
+        """Whether what lies at a place stands on what the object of its frame stands on, and must."""
+        x, y, z = place.position
+        return place.frame in self.grasps and place.exact and abs(z) < UPON_M[0] and math.hypot(x, y) > OVERLAP_M
+
+    def _is_raised(self, frame: str, layout: Layout) -> Bools:
+        return np.asarray(layout.offsets[RAISED, self.index[frame]] > 0)
+
+    def _is_carried(
+        self, a: int, spot: Floats, root: NDArray[np.int32], layout: Layout, beside: str | None = None
+    ) -> Bools:
+        """Whether any object lies right below object a at a spot; `beside` another, one level below that one's."""
+        reach_m = SUPPORT_M if beside else OVERLAP_M
+        carried = np.zeros(len(root), dtype=bool)
+        for b in self.movable:
+            below = layout.below(b, spot, root, reach_m)
+            if beside:
+                below &= layout.offsets[RAISED, b] == layout.offsets[RAISED, self.index[beside]] - 1
+            else:
+                below &= spot[Z] - layout.offsets[Z, b] < self._upon_m(self.objects[a], self.objects[b])
+            carried |= below
+        return carried
+
+    # -- leaves ----------------------------------------------------------------------------------------------------
+
+    def holds(self, node: Node, states: States, layout: Layout) -> Bools:
+        """In which states (n,) a condition holds."""
+        if node.kind == "GripperIs":
+            return np.asarray(states.closed == (node.port("state") == "closed"))
+        name = str(node.port("object"))
+        if node.kind == "InGripper":
+            return np.asarray((states.locations != HELD).all(axis=0)) if name == NONE else self._in_hand(name, states)
+        root, spot = self._spot(node, vector(node.port("position")), layout)
+        radius_m, axes = float(node.port("radius")), 3 if node.kind == "ObjectAt" else 2  # type: ignore[arg-type]  # a radius is a number
+        return layout.near(self.index[name], spot, root, radius_m, axes) & ~self._in_hand(name, states)
+
+    def _in_hand(self, name: str, states: States) -> Bools:
+        return np.asarray(states.locations[self.index[name]] == HELD)
+
+    def _spot(self, node: Node, position: Vector, layout: Layout) -> tuple[NDArray[np.int32], Floats]:
+        """Root (n,) and offset (3, n) of a position in the frame of a leaf."""
+        frame = self.index[str(node.port("frame"))]
+        return layout.roots[frame], layout.offsets[:3, frame] + np.array(position, dtype=np.float32)[:, None]
+
+    def ready(self, node: Node, states: States) -> Bools:
+        """In which states (n,) the hand is as an action needs it: open for a Pick, else holding what is let go."""
+        if node.kind == "SetGripper":
+            return np.ones(len(states), dtype=bool)
+        return ~states.closed if node.kind == "Pick" else self._in_hand(str(node.port("object")), states)
+
+    def can(self, node: Node, states: States, layout: Layout) -> Bools:
+        """In which states (n,) an action succeeds."""
+        fits = self.ready(node, states)
+        if node.kind == "SetGripper":
+            return fits
+        a = self.index[str(node.port("object"))]
+        if node.kind == "Pick":
+            for b in self.movable:
+                fits = fits & ~layout.upon(b, a) if b != a else fits
+            return fits
+        root, spot = self._spot(node, self._let_go(node), layout)
+        for b in self.movable if node.kind == "Place" else ():
+            if b != a and self.objects[b] != node.port("frame"):
+                fits = fits & ~layout.near(b, spot, root, OVERLAP_M)
+        return np.asarray(fits & (root != a))
+
+    def after(self, node: Node, states: States, layout: Layout) -> States:
+        """The states after an action that succeeded in all of them."""
+        locations, closed = states.locations.copy(), states.closed.copy()
+        if node.kind == "SetGripper":
+            closed[:] = node.port("state") == "closed"
+            if node.port("state") == "open":
+                locations[locations == HELD] = AWAY
+            return States(locations, closed)
+        a = self.index[str(node.port("object"))]
+        closed[:] = node.kind == "Pick"
+        if node.kind == "Pick":
+            locations[a] = HELD
+            self._leave_behind(self.objects[a], locations)
+            self._let_fall(States(locations, closed))
+        else:
+            reached = self._reached(node)
+            locations[a] = np.where(self._falls(node, reached, layout), AWAY, reached)
+        return States(locations, closed)
+
+    def thrown(self, states: States) -> tuple[States, Ints]:
+        """Where else what is held may come to rest if the gripper is opened where it is: at any place that is free.
+
+        The states after, and of which of the states each is one.
+        """
+        parts, of = [states.take(slice(0))], [np.zeros(0, dtype=np.intp)]
+        for a in self.movable:
+            here = np.flatnonzero(states.locations[a] == HELD)
+            empty = states.take(here)
+            empty.locations[a], empty.closed[:] = AWAY, False
+            columns, locations = np.nonzero(self._free_for(a, empty)[FIRST_PLACE:].T)
+            laid = empty.take(columns)
+            laid.locations[a] = locations + FIRST_PLACE
+            fits = self._apart(len(self.objects), laid) & self._carried(laid)
+            parts.append(laid.take(fits))
+            of.append(here[columns[fits]])
+        return States.joined(parts), np.concatenate(of)
+
+    def _leave_behind(self, moved: str, locations: Locations) -> None:
+        """What had its place in the frame of an object that is lifted out has it no longer."""
+        for b, name in enumerate(self.objects):
+            for number, place in enumerate(self.places[name], start=FIRST_PLACE):
+                if place.frame == moved:
+                    locations[b, locations[b] == number] = AWAY
+
+    def _let_fall(self, states: States) -> None:
+        """What has lost what was beneath it is away, with all that had its place in its frame."""
+        for a, hangs in self._hanging(states) if self._in_need else ():
+            fallen = states.locations[:, hangs]
+            fallen[a] = AWAY
+            self._leave_behind(self.objects[a], fallen)
+            states.locations[:, hangs] = fallen
+
+    def _reached(self, node: Node) -> int:
+        """The location that a Place or Drop leads to: the nearest place in its frame, else away."""
+        let_go, frame = self._let_go(node), str(node.port("frame"))
+        name = str(node.port("object"))
+        distances = {
+            number: float(np.linalg.norm(np.subtract(place.position, let_go)[: 3 if node.kind == "Place" else 2]))
+            for number, place in enumerate(self.places[name], start=FIRST_PLACE)
+            if place.frame == frame
+        }
+        nearest = min(distances, key=lambda number: distances[number], default=AWAY)
+        near = nearest != AWAY and (node.kind == "Drop" or distances[nearest] < RESTS_M)
+        return nearest if near else AWAY
+
+    def _falls(self, node: Node, reached: int, layout: Layout) -> Bools:
+        """In which states what is let go has nothing beneath it: it is beside an object that lies upon another."""
+        name = str(node.port("object"))
+        place = self.places[name][reached - FIRST_PLACE] if reached != AWAY else None
+        if place is None or not self._is_beside(place):
+            return np.zeros(layout.roots.shape[1], dtype=bool)
+        root, spot = self._spot(node, place.position, layout)
+        return self._is_raised(place.frame, layout) & ~self._is_carried(
+            self.index[name], spot, root, layout, place.frame
+        )
+
+
+def _drawn(states: States, count: int, rng: np.random.Generator) -> States:
+    """So many of the states, in their order."""
+    return states.take(np.sort(rng.permutation(len(states))[:count]))
+
+
+def _pose(node: Node) -> Pose:
+    return Pose(vector(node.port("position")), tuple(node.port("orientation")))  # type: ignore[arg-type]  # ports are checked by Tree
+
+
+def vector(value: Any) -> Vector:
+    """A port's value that is a position."""
+    x, y, z = value
+    return (x, y, z)
+
+
+def _near(a: Sequence[float], b: Sequence[float]) -> bool:
+    return math.dist(a, b) < SAME_M

@@ -1,0 +1,365 @@
+"""The proof of a tree: in the abstract world of its own conditions, from every state, ticking reaches the goal.
+
+From each state one tick chooses an action and that leads to the next state; so trees are proven by following arrows.
+A tree is refuted by a state in which it fails, goes round in a circle, begins an action for which the hand is not as
+it must be, goes on though the task is done, or ends before; and by an action that fails wherever it is begun. All
+states are ticked at once as arrays; nodes with memory count as reactive, since in this world no action is interrupted.
+Where something held is let go in the air, every place at which it may come to rest is followed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from learner.model import Node, Tree
+from learner.model.tree import ACTIONS, CONDITIONS, FALLBACKS, SEQUENCES
+from learner.proof.abstract_world import FIRST_PLACE, AbstractWorld, Bools, Ints, Place, States
+
+FAILURE, RUNNING, SUCCESS = np.int8(0), np.int8(1), np.int8(2)
+NOTHING: Final = -1
+EXHAUSTIVE: Final = 1_000_000
+SAMPLED: Final = 100_000
+NOT_TO_THE_GOAL = "never to the goal"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What was proven. `states` were begun from, all there are if `exhaustive`; `bound` is the most actions from any
+    of them to the goal, None if it is not reached; `counterexample` describes a state that refutes the tree and what
+    is wrong there; None if there is none. `left_out` names states that were not begun from, None if there are none.
+    """
+
+    states: int
+    exhaustive: bool
+    bound: int | None
+    counterexample: str | None
+    left_out: str | None = None
+
+    def to_data(self) -> dict[str, Any]:
+        """For the manifest."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class Step:
+    """A node made ready to be ticked: equal leaves share a `leaf`, while `place` is a leaf's own."""
+
+    kind: str
+    children: tuple[Step, ...] = ()
+    leaf: int = NOTHING
+    place: int = NOTHING
+
+
+class Program:
+    """A flattened tree, made ready to be ticked in many states at once."""
+
+    def __init__(self, root: Node) -> None:
+        self.leaves: list[Node] = []
+        """The distinct leaves."""
+        self.places: list[Node] = []
+        """All leaves, from left to right."""
+        self._numbers: dict[Node, int] = {}
+        self.root = self._step(root)
+
+    def _step(self, node: Node) -> Step:
+        if node.children:
+            return Step(node.kind, tuple(self._step(child) for child in node.children))
+        if node not in self._numbers:
+            self._numbers[node] = len(self.leaves)
+            self.leaves.append(node)
+        self.places.append(node)
+        return Step(node.kind, (), self._numbers[node], len(self.places) - 1)
+
+
+class Ticks:
+    """One tick of a tree in many states: each one's `status`, and the `action` (a leaf's number) begun.
+
+    `unready` is an action that was begun although the hand was not as it must be, NOTHING if there is none. `worked`
+    tells of each leaf in the tree whether it is an action that succeeded in any state, `failed` a state in which it
+    was begun and failed.
+    """
+
+    def __init__(self, world: AbstractWorld, states: States, program: Program) -> None:
+        self.world, self.states, self.program = world, states, program
+        self.layout = world.layout(states)
+        self.action = np.full(len(states), NOTHING, dtype=np.intp)
+        self.unready = np.full(len(states), NOTHING, dtype=np.intp)
+        self.worked = np.zeros(len(program.places), dtype=bool)
+        self.failed: dict[int, int] = {}
+        self._answers: dict[int, Bools] = {}
+        succeeded, failed = self._tick(program.root, np.arange(len(states)))
+        self.status = np.full(len(states), RUNNING)
+        self.status[succeeded], self.status[failed] = SUCCESS, FAILURE
+
+    def successors(self) -> tuple[States, Ints]:
+        """The states that follow, and from which state each does: several where something is let go in the air."""
+        locations, closed = self.states.locations.copy(), self.states.closed.copy()
+        thrown, of = [], []
+        for number in np.unique(self.action[self.action != NOTHING]):
+            leaf, here = self.program.leaves[number], np.flatnonzero(self.action == number)
+            states = self.states.take(here)
+            after = self.world.after(leaf, states, self.layout.take(here))
+            locations[:, here], closed[here] = after.locations, after.closed
+            if leaf.kind == "SetGripper" and leaf.port("state") == "open":
+                elsewhere, column = self.world.thrown(states)
+                thrown.append(elsewhere)
+                of.append(here[column])
+        begun = np.flatnonzero(self.action != NOTHING)
+        return States.joined([States(locations, closed).take(begun), *thrown]), np.concatenate([begun, *of])
+
+    def _tick(self, step: Step, where: Ints) -> tuple[Ints, Ints]:
+        """In which of some states a node succeeds, and in which it fails; in the others it runs."""
+        if not len(where):
+            return where, where
+        if step.kind in CONDITIONS:
+            holds = self._answer(step.leaf)[where]
+            return where[holds], where[~holds]
+        if step.kind in ACTIONS:
+            return where[:0], self._begin(step, where)
+        if step.kind in SEQUENCES:
+            return self._in_turn(step.children, where)
+        if step.kind in FALLBACKS:
+            failed, succeeded = self._in_turn(step.children, where, otherwise=True)
+            return succeeded, failed
+        return self._decorated(step, *self._tick(step.children[0], where))
+
+    def _in_turn(self, steps: Sequence[Step], where: Ints, otherwise: bool = False) -> tuple[Ints, Ints]:
+        """Where all steps succeed, and where one fails; `otherwise`, where all fail, and where one succeeds."""
+        ended = []
+        for step in steps:
+            succeeded, failed = self._tick(step, where)
+            where, end = (failed, succeeded) if otherwise else (succeeded, failed)
+            ended.append(end)
+        return where, np.concatenate(ended)
+
+    def _decorated(self, step: Step, succeeded: Ints, failed: Ints) -> tuple[Ints, Ints]:
+        if step.kind == "Inverter":
+            return failed, succeeded
+        both = np.concatenate([succeeded, failed])
+        return (both, both[:0]) if step.kind == "ForceSuccess" else (both[:0], both)
+
+    def _begin(self, step: Step, where: Ints) -> Ints:
+        """Begin an action where it can succeed; where it fails."""
+        can = self._answer(step.leaf)[where]
+        begun, failed = where[can], where[~can]
+        self.action[begun] = step.leaf
+        self.worked[step.place] = len(begun) > 0
+        if len(failed):
+            self.failed[step.place] = int(failed[0])
+            ready = self.world.ready(self.program.leaves[step.leaf], self.states)[failed]
+            self.unready[failed[~ready]] = step.leaf
+        return failed
+
+    def _answer(self, number: int) -> Bools:
+        """What a leaf says in all states; asked once, since equal leaves stand in many places of a tree."""
+        if number not in self._answers:
+            leaf = self.program.leaves[number]
+            ask = self.world.holds if leaf.kind in CONDITIONS else self.world.can
+            self._answers[number] = ask(leaf, self.states, self.layout)
+        return self._answers[number]
+
+
+def prove(
+    tree: Tree,
+    base_frame: str,
+    rng: np.random.Generator,
+    task: Node | None = None,
+    exhaustive: int = EXHAUSTIVE,
+    sampled: int = SAMPLED,
+    at_once: bool = True,
+) -> Certificate:
+    """Check a tree from every abstract state, or, where there are more than `exhaustive`, from `sampled` of them.
+
+    States that are only reached from others are checked with them. The tree is taken at its word that its SUCCESS is
+    the goal, unless `task` is given: a node that, ticked, says SUCCESS where the task is done. Then the tree may say so
+    only there; and, if `at_once`, must.
+    """
+    root = tree.flattened()
+    world = AbstractWorld(base_frame, *([root, task] if task else [root]))
+    return Arena(world, rng, exhaustive, sampled).prove(root, task, at_once)
+
+
+class Arena:
+    """The states of a world from which trees are proven; to prove several trees in one world, make one."""
+
+    def __init__(
+        self,
+        world: AbstractWorld,
+        rng: np.random.Generator,
+        exhaustive: int = EXHAUSTIVE,
+        sampled: int = SAMPLED,
+    ) -> None:
+        self.world = world
+        self.starts, self.whole = world.states(rng, exhaustive, sampled)
+
+    def among(self, starts: States) -> Arena:
+        """The same world with only some of its states to begin from."""
+        fewer = copy(self)
+        fewer.starts, fewer.whole = starts, self.whole and len(starts) == len(self.starts)
+        return fewer
+
+    def prove(self, root: Node, task: Node | None = None, at_once: bool = True) -> Certificate:
+        """The certificate of a flattened tree; see the function of this name."""
+        exploration = _Exploration(self.world, Program(root), Program(task) if task else None, at_once)
+        bound, example = None, exploration.follow(self.starts)
+        if example is None:
+            bound, example = exploration.bound()
+        return Certificate(len(self.starts), self.whole, None if example else bound, example, self.world.left_out)
+
+
+class _Exploration:
+    """The states reached so far, and where one tick leads from each."""
+
+    def __init__(self, world: AbstractWorld, program: Program, task: Program | None, at_once: bool) -> None:
+        self.world, self.program, self.task, self.at_once = world, program, task, at_once
+        self.known = Keys(world)
+        self.parts: list[States] = []
+        self.keys: list[NDArray[Any]] = []
+        self.following: list[NDArray[Any]] = []
+        self.sources: list[Ints] = []
+        self.acts: list[Bools] = []
+        self.count = 0
+        self.worked = np.zeros(len(program.places), dtype=bool)
+        self.failed: dict[int, States] = {}
+
+    def follow(self, starts: States) -> str | None:
+        """Follow all starts to where they end; the first state that refutes the tree, in words, if one does."""
+        frontier = self.known.fresh(starts)
+        while len(frontier):
+            afters = []
+            for states in frontier.chunks():
+                ticks = Ticks(self.world, states, self.program)
+                fault = self._fault(ticks)
+                if fault:
+                    return fault
+                afters.append(self._noted(ticks))
+            frontier = self.known.fresh(States.joined(afters))
+        return self._useless()
+
+    def _noted(self, ticks: Ticks) -> States:
+        """Write down what the ticks led to; the states after them."""
+        after, source = ticks.successors()
+        self.parts.append(ticks.states)
+        self.keys.append(self.known.of(ticks.states))
+        self.following.append(self.known.of(after))
+        self.sources.append(source + self.count)
+        self.acts.append(ticks.action != NOTHING)
+        self.count += len(ticks.states)
+        self.worked |= ticks.worked
+        for place, column in ticks.failed.items():
+            self.failed.setdefault(place, ticks.states.take([column]))
+        return after
+
+    def _fault(self, ticks: Ticks) -> str | None:
+        """What is wrong in the first state of these in which something is."""
+        unready, failing = np.flatnonzero(ticks.unready != NOTHING), np.flatnonzero(ticks.status == FAILURE)
+        if len(unready):
+            leaf = self.program.leaves[ticks.unready[unready[0]]]
+            return self._in_words(ticks.states, unready[0], f"it begins {_word(leaf)}, for which the hand is not ready")
+        if len(failing):
+            return self._in_words(ticks.states, failing[0], f"nothing can be done, {NOT_TO_THE_GOAL}")
+        return self._misjudged(ticks)
+
+    def _misjudged(self, ticks: Ticks) -> str | None:
+        """Where the tree ends before the task is done, or, if that is asked for, goes on though it is."""
+        if self.task is None:
+            return None
+        done, ends = Ticks(self.world, ticks.states, self.task).status == SUCCESS, ticks.status == SUCCESS
+        early, late = np.flatnonzero(ends & ~done), np.flatnonzero(~ends & done & self.at_once)
+        if len(early):
+            return self._in_words(ticks.states, early[0], "it ends before the task is done")
+        return self._in_words(ticks.states, late[0], "it goes on though the task is done") if len(late) else None
+
+    def _useless(self) -> str | None:
+        """An action that fails wherever it is begun."""
+        for place, states in self.failed.items():
+            if not self.worked[place]:
+                leaf = self.program.places[place]
+                return self._in_words(states, 0, f"it begins {_word(leaf)}, which fails here and wherever it is begun")
+        return None
+
+    def bound(self) -> tuple[int, str | None]:
+        """The most actions to the goal; or the first state, in words, of a circle that leads to none."""
+        keys = np.concatenate(self.keys)
+        order = np.argsort(keys)
+        following = order[np.searchsorted(keys[order], np.concatenate(self.following))]
+        source, acts = np.concatenate(self.sources), np.concatenate(self.acts)
+        settled, count = ~acts, 0
+        while True:
+            blocked = np.zeros(len(keys), dtype=bool)
+            blocked[source[~settled[following]]] = True
+            if (settled == ~blocked).all():
+                break
+            settled, count = ~blocked, count + 1
+        return count, None if settled.all() else self._in_a_circle(source, following, settled)
+
+    def _in_a_circle(self, source: Ints, following: Ints, settled: Bools) -> str:
+        """A state of a circle, in words: where one comes from an unsettled one in very many steps."""
+        onward = np.arange(len(settled))
+        endless = ~settled[following]
+        onward[source[endless]] = following[endless]
+        for _ in range(len(settled).bit_length()):
+            onward = onward[onward]
+        states = States.joined(self.parts).take(onward[~settled][:1])
+        ticks = Ticks(self.world, states, self.program)
+        leaf = self.program.leaves[ticks.action[0]]
+        return self._in_words(states, 0, f"it goes on with {_word(leaf)}, {NOT_TO_THE_GOAL}")
+
+    def _in_words(self, states: States, column: int, fault: str) -> str:
+        """A state and what is wrong there."""
+        world = self.world
+        where = [
+            f"{name} {_location(world.places[name], int(states.locations[number, column]))}"
+            for number, name in enumerate(world.objects)
+        ]
+        return f"the gripper {'closed' if states.closed[column] else 'open'}, {', '.join(where)}: {fault}"
+
+
+class Keys:
+    """States as sortable keys, exact: one number each where that fits, else bytes; and which of them are known."""
+
+    def __init__(self, world: AbstractWorld) -> None:
+        self.sizes = [2, *world.sizes]
+        self.fits = math.prod(self.sizes) < 2**62
+        self.known: NDArray[Any] | None = None
+
+    def of(self, states: States) -> NDArray[Any]:
+        """The keys (n,)."""
+        rows = [states.closed, *states.locations]
+        if self.fits:
+            key = np.zeros(len(states), dtype=np.int64)
+            for size, row in zip(self.sizes, rows, strict=True):
+                key = key * size + row
+            return key
+        table = np.ascontiguousarray(np.vstack(rows).T.astype(">u2"))
+        return table.view(f"S{2 * len(rows)}")[:, 0]
+
+    def fresh(self, states: States) -> States:
+        """Those of the states that were not known, each once; they are known then."""
+        keys, first = np.unique(self.of(states), return_index=True)
+        if self.known is None:
+            self.known = keys
+            return states.take(np.sort(first))
+        place = np.searchsorted(self.known, keys)
+        new = self.known[np.minimum(place, len(self.known) - 1)] != keys
+        self.known = np.insert(self.known, place[new], keys[new])
+        return states.take(np.sort(first[new]))
+
+
+def _location(places: Sequence[Place], location: int) -> str:
+    if location < FIRST_PLACE:
+        return ("away", "held")[location]
+    place = places[location - FIRST_PLACE]
+    return f"at {place.frame} ({', '.join(f'{value:.2f}' for value in place.position)})"
+
+
+def _word(node: Node) -> str:
+    ports: Mapping[str, Any] = dict(node.ports)
+    return f"{node.kind} {ports.get('object', ports.get('state'))}"

@@ -1,0 +1,152 @@
+"""The replay of a tree in PyBullet, with the arm, before it is published: undisturbed, from where demonstrations began.
+
+The simulated arm reaches a ring around itself, so that what was demonstrated is shifted over the table until all that
+is moved, and where it goes, lies within. Where that is not possible, or shapes are not known, there is no replay, and
+the reason is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, Final
+
+import numpy as np
+
+from learner.model import Tree
+from learner.rehearsal.goal import Goal
+from learner.rehearsal.rehearsal import Actor, Outcome, judged
+from learner.rehearsal.rollouts import Rollout
+from learner.rehearsal.stage import Stage, Start
+
+ACTIONS: Final = 12
+"""Runs are done while they are expected to take no more actions than this together, but one at least ..."""
+REPLAYS: Final = 2
+"""... and not more than this, unless all of them fail ..."""
+TRIES: Final = 3
+"""... when so many starts are tried in all, before a tree is refused."""
+STEPS_PER_ACTION: Final = 45
+"""An action takes the arm about this many periods."""
+GRID_M: Final = 0.05
+SHIFTS: Final = 30
+"""Shifts are tried on a grid of GRID_M, so many steps to each side."""
+ROOM_M: Final = 0.25
+"""Nothing stands nearer to the arm's base ..."""
+BEHIND_M: Final = -0.2
+"""... nor further behind it, where the table ends soon."""
+HAND_M: Final = 0.12
+"""From the middle of an object to what stands beside it [m], so that the simulated hand fits at any yaw."""
+
+Goals = Callable[[Stage], Sequence[Goal]]
+"""The goals in the terms of a stage."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What came of it: `outcomes`, or the `reason` why there are none."""
+
+    outcomes: tuple[Outcome, ...] = ()
+    reason: str | None = None
+
+    @property
+    def failures(self) -> list[Outcome]:
+        """The runs that the tree has failed, not the simulated arm, which reaches and fits where others may not."""
+        return [outcome for outcome in self.outcomes if not outcome.done and not _arm_is_at_fault(outcome)]
+
+    @property
+    def failed(self) -> bool:
+        """Whether every run failed: then the tree is not for use."""
+        return bool(self.outcomes) and len(self.failures) == len(self.outcomes)
+
+    def to_data(self) -> dict[str, Any]:
+        """For the manifest."""
+        return {
+            "world": "PyBullet",
+            "runs": [
+                {
+                    "demonstration_id": outcome.rollout.demonstration_id,
+                    "verdict": outcome.verdict,
+                    "actions": len(outcome.world.deeds),
+                    "contacts": outcome.world.faults.contacts,
+                    "sentence": None if outcome.done else str(outcome),
+                }
+                for outcome in self.outcomes
+            ],
+            "reason": self.reason,
+        }
+
+
+def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
+    """Run a tree from the first demonstrations' starts that the arm can do."""
+    if stage.points:
+        return Replay(reason="no demonstration tells the shapes of all objects")
+    if not stage.starts:
+        return Replay(reason="the stage reproduces no demonstration")
+    here = goals(stage)
+    count = max(1, min(REPLAYS, ACTIONS // max(1, *(goal.actions for goal in here))))
+    roomy = sorted(range(len(stage.starts)), key=lambda n: not _roomy(stage, stage.starts[n], here))
+    shifted = ((number, _within_reach(stage, stage.starts[number], goals)) for number in roomy)
+    stages = ((number, moved) for number, moved in shifted if moved is not None)
+    runs = (_run(tree, moved, number, goals(moved)) for number, moved in stages)
+    outcomes = list(islice(runs, count))
+    while len(outcomes) < TRIES and not any(outcome.done for outcome in outcomes) and (more := next(runs, None)):
+        outcomes.append(more)
+    reason = None if outcomes else "no demonstration fits into the reach of the simulated arm"
+    return Replay(tuple(outcomes), reason)
+
+
+def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> Outcome:
+    from learner.simulation.physical_world import PhysicalWorld  # loads pybullet
+
+    start, rng = stage.starts[number], np.random.default_rng([2, number])
+    rollout = Rollout(start.demonstration_id, start.spots, "replay")
+    with PhysicalWorld(stage.bodies, start.spots, rng, base_frame=stage.base) as world:
+        ticker = Actor(stage.root(tree.flattened())).enter(world)
+        verdict = judged(rollout, world, ticker, goals, rng, STEPS_PER_ACTION)
+        return Outcome(rollout, verdict, world)
+
+
+def _arm_is_at_fault(outcome: Outcome) -> bool:
+    """Whether what failed most is out of the simulated arm's reach, or its hand met something beside what is picked."""
+    often = outcome.failing.most_common(1)
+    if not often:
+        return False
+    kind, _, _, reason = often[0][0]
+    return "out of reach" in reason or (kind == "Pick" and reason.startswith("contact"))
+
+
+def _roomy(stage: Stage, start: Start, goals: Sequence[Goal]) -> bool:
+    """Whether nothing stands close beside what is to be moved."""
+    table = stage.world(start.spots, np.random.default_rng(0)).table
+    moved = {name for goal in goals for name in goal.objects}
+    hulls = {name: table.footprint(name) for name in table.spots}
+    return not any(
+        hulls[other].covers(start.spots[name].x, start.spots[name].y, HAND_M) and not hulls[other].overlaps(hulls[name])
+        for name in moved
+        for other in hulls
+        if other != name
+    )
+
+
+def _within_reach(stage: Stage, start: Start, goals: Goals) -> Stage | None:
+    """The stage shifted such that the arm reaches all that it has to; None if it cannot."""
+    from learner.simulation.cell.arm_kinematics import REACH_M, REACH_RAD
+
+    world = stage.world(start.spots, np.random.default_rng(0))
+    here = goals(stage)
+    needed = [goal.place(relation, world) for goal in here for relation in (*goal.relations, *goal.meanwhile)]
+    needed += [start.spots[name] for goal in here for name in (*goal.objects, *([goal.held] if goal.held else []))]
+    steps = GRID_M * np.arange(-SHIFTS, SHIFTS + 1)
+    shifts = np.array(np.meshgrid(steps, steps)).reshape(2, -1).T
+    points = np.array([(spot.x, spot.y) for spot in needed]) + shifts[:, None]
+    away, direction = np.hypot(points[..., 0], points[..., 1]), np.arctan2(points[..., 1], points[..., 0])
+    fits = ((away >= REACH_M[0]) & (away <= REACH_M[1]) & (np.abs(direction) <= REACH_RAD)).all(axis=1)
+    others = np.array([(spot.x, spot.y) for spot in start.spots.values()]) + shifts[:, None]
+    radii = np.array([stage.bodies[name].radius for name in start.spots])
+    fits &= (np.hypot(others[..., 0], others[..., 1]) > ROOM_M + radii).all(axis=1)
+    fits &= (others[..., 0] > BEHIND_M + radii).all(axis=1)
+    if not fits.any():
+        return None
+    x, y = min(shifts[fits].tolist(), key=lambda shift: (shift[0] ** 2 + shift[1] ** 2, shift))
+    return stage.moved(x, y)

@@ -1,0 +1,90 @@
+"""What a group of demonstrations means, in the terms of the stage, and whether that is reached by the world's truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from learner.inference.goals import Group
+from learner.inference.targets import Target
+from learner.model import Drop, ObjectAt, Place
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, ObjectRoughlyAt
+from learner.rehearsal.stage import Stage
+from learner.simulation.arena import Arena
+from learner.simulation.gravity import Spot, Table
+
+SLACK_M: Final = 0.015
+"""The truth may lie this much outside of the paper's radius: the camera may have seen it within."""
+
+Relation = ObjectAt | ObjectRoughlyAt
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What one group of demonstrations means, in the stage's terms: `relations` that hold together at the end, what
+    is `held` then, how many `actions` an undisturbed run takes, and `meanwhile` the relations that guard others.
+    """
+
+    relations: tuple[Relation, ...]
+    held: str | None = None
+    actions: int = 0
+    meanwhile: tuple[Relation, ...] = ()
+
+    def reached(self, world: Arena) -> bool:
+        """Whether it is, by the truth."""
+        return world.held == self.held and all(holds(relation, world) for relation in self.relations)
+
+    def place(self, relation: Relation, world: Arena) -> Spot:
+        """Where the object of a relation shall be once all of it is reached."""
+        chain = [relation]
+        while frame := next((r for r in self.relations if r.object == chain[-1].frame and r not in chain), None):
+            chain.append(frame)
+        spot = world.spot(chain[-1].frame)
+        for link in reversed(chain):
+            spot = spot.compose(Spot(*link.position, 0.0))
+        return spot
+
+    def reached_in(self, world: Arena) -> Table:
+        """A table on which everything is where the goal wants it."""
+        places = {relation.object: self.place(relation, world) for relation in self.relations}
+        return Table(world.bodies, {**world.table.spots, **places}, world.table.rng)
+
+    @property
+    def grounded(self) -> list[ObjectAt]:
+        """The relations to frames that the goal itself leaves where they are: their places are known beforehand."""
+        relations = (*self.relations, *self.meanwhile)
+        return [r for r in relations if isinstance(r, ObjectAt) and r.frame not in self.objects]
+
+    @property
+    def objects(self) -> list[str]:
+        """What is moved."""
+        return sorted({relation.object for relation in self.relations})
+
+
+def goals_of(groups: Sequence[Group], placements: Mapping[Target, Place | Drop], stage: Stage) -> list[Goal]:
+    """The goal of each group."""
+    return [
+        Goal(
+            tuple(on_stage(placements[step.target].achieves, stage) for step in group.steps),
+            group.held,
+            2 * sum(len(step.targets()) for step in group.steps) + (group.held is not None),
+            tuple(on_stage(placements[t].achieves, stage) for step in group.steps for t in step.targets()[:-1]),
+        )
+        for group in groups
+    ]
+
+
+def on_stage(relation: Relation, stage: Stage) -> Relation:
+    """In the stage's terms, with the paper's radius: what the task means does not depend on what the tree looks for."""
+    widest = PLACE_RADIUS_M if isinstance(relation, ObjectAt) else DROP_RADIUS_M
+    return replace(relation, position=stage.point(relation.frame, relation.position), radius=widest)
+
+
+def holds(relation: Relation, world: Arena) -> bool:
+    """Whether a relation holds, by the truth."""
+    at = world.spot(relation.frame).relative(world.spot(relation.object))
+    x, y, z = relation.position
+    away_m = math.hypot(at.x - x, at.y - y, 0.0 if isinstance(relation, ObjectRoughlyAt) else at.z - z)
+    return world.held != relation.object and away_m <= relation.radius + SLACK_M

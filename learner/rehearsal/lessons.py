@@ -1,0 +1,167 @@
+"""What a rehearsal teaches the planner: each failed rollout is a counterexample, and most tell what was missing.
+
+- Placing fails upon contact with something where no condition looks: there it occupies the place (`widened`).
+- Placing fails upon contact with something that already lies where it belongs, or something is placed again and again
+  upon what is still to be moved: the order is wrong (`before`).
+- An action succeeds and its condition does not come to hold, or flickers: its radius is too small (`radii`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from itertools import islice, pairwise
+from typing import Final
+
+from learner.inference.targets import Target
+from learner.model import Drop, Place, Tree
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
+from learner.planning.repairs import NOTHING, Repairs
+from learner.planning.rounding import rounded
+from learner.rehearsal.goal import Goal, holds
+from learner.rehearsal.rehearsal import RELEASES, Outcome, Rehearsal
+from learner.simulation.gravity import Body
+
+TRIALS: Final = 4
+"""So many repaired trees are rehearsed at the most."""
+OFTEN: Final = 3
+"""What happens so often in one rollout is no accident."""
+WIDER: Final = 2.0
+"""A radius that is too small grows by this factor ..."""
+LEAST_M: Final = 0.02
+"""... and to this at least [m]."""
+APART: Final = 0.49
+"""Of the distance to the nearest other target a radius is at most this share."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A tree, what it was repaired by, and how it rehearsed."""
+
+    tree: Tree
+    repairs: Repairs
+    rehearsal: Rehearsal
+
+
+def attempts(
+    first: Tree, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal],
+    propose: Callable[[Sequence[Outcome], Repairs], Sequence[Repairs]],
+) -> list[Attempt]:  # fmt: skip
+    """The first tree, then each repaired one that rehearses better than all before it.
+
+    Of the repairs proposed the first is taken that makes it no worse; one that is as good is repaired further, if its
+    failures teach more.
+    """
+    last = Attempt(first, NOTHING, rehearse(first))
+    found, left = [last], TRIALS
+    while left:
+        options = (last.repairs | option for option in propose(last.rehearsal.failures, last.repairs))
+        others = islice((repairs for repairs in options if repairs != last.repairs), left)
+        better = None
+        for repairs in others:
+            left -= 1
+            tree = plan(repairs)
+            attempt = Attempt(tree, repairs, rehearse(tree))
+            if attempt.rehearsal.share >= last.rehearsal.share:
+                better = attempt
+                break
+        if better is None:
+            break
+        found += [better] if better.rehearsal.share > last.rehearsal.share else []
+        last = better
+    return found
+
+
+def _sensible(pairs: Set[tuple[Target, str]]) -> frozenset[tuple[Target, str]]:
+    """Without what is placed itself, and what it is placed upon."""
+    return frozenset((target, name) for target, name in pairs if name not in (target.object, target.frame))
+
+
+class Lessons:
+    """Proposes repairs for the failures of one plan.
+
+    `placements` and the distance [m] to the `nearest` other place are by target; `orders` are the targets of each group
+    as they are pursued now, given what is repaired; `goals` what was rehearsed; `bodies` what can be in the way.
+    """
+
+    def __init__(
+        self,
+        placements: Mapping[Target, Place | Drop],
+        nearest_m: Mapping[Target, float],
+        orders: Callable[[Repairs], Sequence[Sequence[Target]]],
+        goals: Sequence[Goal],
+        bodies: Mapping[str, Body],
+    ) -> None:
+        self.placements, self.nearest_m, self.orders = placements, nearest_m, orders
+        self.goals, self.bodies = goals, bodies
+        self.known = NOTHING
+
+    def of(self, failures: Sequence[Outcome], known: Repairs = NOTHING) -> Sequence[Repairs]:
+        """The repairs that failed runs of a tree speak for, which was made with those `known`.
+
+        First with what holds of one object and place taken to hold of all objects that are alike and all places in the
+        same frame, then of the one place only, then as it was seen.
+        """
+        seen = self._seen(failures, known)
+        here = {(target, other) for target, name in seen.widened for other in self._alike(name)}
+        there = {(other, name) for target, name in here for other in self.placements if other.frame == target.frame}
+        return [replace(seen, widened=seen.widened | _sensible(pairs)) for pairs in (there, here, set())]
+
+    def _alike(self, name: str) -> list[str]:
+        size = self.bodies[name].shape.size_m
+        return [other for other, body in self.bodies.items() if body.shape.size_m == size]
+
+    def _seen(self, failures: Sequence[Outcome], known: Repairs) -> Repairs:
+        found, self.known = NOTHING, known
+        for outcome in failures:
+            for repair in (*self._contacts(outcome), *self._undone(outcome), *self._radii(outcome)):
+                found |= repair
+        return found
+
+    def _contacts(self, outcome: Outcome) -> Iterator[Repairs]:
+        for (kind, name, frame, reason), times in sorted(outcome.failing.items()):
+            met = reason.removeprefix("contact with ").split(" ")[0]
+            if kind in RELEASES and reason.startswith("contact") and met in self.bodies and times >= OFTEN:
+                yield from (self._contact(target, met, outcome) for target in self._targets(name, frame))
+
+    def _contact(self, target: Target, met: str, outcome: Outcome) -> Repairs:
+        """What is met lies where it belongs, and came too early; or it is in the way."""
+        own = [t for t in self.placements if t.object == met and self._lies_at(t, outcome)]
+        if own:
+            return Repairs(before=frozenset((target, other) for other in own))
+        return Repairs(widened=frozenset({(target, met)}))
+
+    def _lies_at(self, target: Target, outcome: Outcome) -> bool:
+        relations = (relation for goal in self.goals for relation in goal.relations)
+        own = (r for r in relations if (r.object, r.frame) == (target.object, target.frame))
+        return any(holds(relation, outcome.world) for relation in own)
+
+    def _undone(self, outcome: Outcome) -> Iterator[Repairs]:
+        """What is placed again and again upon something that is still to be moved waits until that was moved."""
+        placed = Counter(outcome.placed)
+        for order in self.orders(self.known):
+            for place, target in enumerate(order):
+                if placed[target.object, target.frame] >= OFTEN:
+                    under = {target.frame, *(target.upon or ())[:1]}
+                    later = [other for other in order[place + 1 :] if other.object in under]
+                    yield Repairs(before=frozenset((other, target) for other in later))
+
+    def _radii(self, outcome: Outcome) -> Iterator[Repairs]:
+        """Wider where an object was placed again and again with nothing between, or reached for and let be."""
+        repeated = Counter(a for a, b in pairwise(outcome.placed) if a == b)
+        again = {pair for pair, times in repeated.items() if times >= OFTEN - 1}
+        given_up = {name for (kind, name), times in outcome.given_up.items() if kind == "Pick" and times >= OFTEN}
+        for target in self.placements:
+            if (target.object, target.frame) in again or target.object in given_up:
+                yield Repairs(radii=self._wider(target))
+
+    def _wider(self, target: Target) -> tuple[tuple[Target, float], ...]:
+        placement = self.placements[target]
+        cap = PLACE_RADIUS_M if isinstance(placement, Place) else DROP_RADIUS_M
+        now_m = dict(self.known.radii).get(target, placement.radius)
+        wider = rounded(min(cap, max(LEAST_M, WIDER * now_m), APART * self.nearest_m.get(target, cap / APART)))
+        return ((target, wider),) if wider > now_m else ()
+
+    def _targets(self, name: str, frame: str) -> list[Target]:
+        return [target for target in self.placements if (target.object, target.frame) == (name, frame)]

@@ -1,0 +1,157 @@
+"""The trial of what was learned, before it is published: rehearsed, repaired, proven, and replayed with the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from learner.errors import NothingLearnedError
+from learner.inference.understanding import understand
+from learner.learned import Learned
+from learner.model import Demonstration, Tree
+from learner.parameters import Parameters
+from learner.planning.draft import Plan
+from learner.planning.repairs import NOTHING, Repairs
+from learner.proof.prover import Certificate, prove
+from learner.rehearsal.arm_replay import Replay, replay
+from learner.rehearsal.goal import goals_of
+from learner.rehearsal.lessons import Attempt, Lessons, attempts
+from learner.rehearsal.rehearsal import Outcome, Rehearsal, rehearse
+from learner.rehearsal.stage import Stage
+from learner.rehearsal.users import success_without
+
+
+def proven(learned: Learned, base_frame: str) -> Learned:
+    """With the certificate of its tree, and a note if there is a counterexample."""
+    certificate = _certificate(learned.tree, base_frame, learned.plan)
+    return replace(learned, certificate=certificate.to_data(), notes=(*learned.notes, *_unproven(certificate)))
+
+
+def tried(learned: Learned, demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
+    """With the best of the trees that a plan makes, once rehearsed and repaired, that is proven; else the first.
+
+    A method without a plan has its tree judged by what ours understands of the demonstrations, and not repaired.
+    """
+    base_frame = demonstrations[0].base_frame
+    try:
+        plan = learned.plan or Plan(understand(demonstrations, parameters), parameters, {})
+    except NothingLearnedError as error:
+        told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
+        return proven(replace(learned, report={**learned.report, **told}), base_frame)
+    return _Trial(learned, plan, Stage(demonstrations)).learned()
+
+
+@dataclass(frozen=True)
+class _Tried:
+    attempt: Attempt
+    certificate: Certificate
+    replay: Replay
+
+    @property
+    def better(self) -> tuple[bool, int, float]:
+        """What makes one preferable to another, the most important first."""
+        proven = self.certificate.counterexample is None
+        return proven, -len(self.replay.failures), self.attempt.rehearsal.share
+
+
+class _Trial:
+    """The trial of one method's tree on a stage."""
+
+    def __init__(self, learned: Learned, plan: Plan, stage: Stage) -> None:
+        self.first, self.plan, self.stage = learned, plan, stage
+        self.goals = partial(goals_of, plan.understood.groups, plan.placements)
+
+    def learned(self) -> Learned:
+        """What is published."""
+        best = self._best()
+        users = success_without(self.plan, self.stage) if self.first.plan else {}
+        report = {
+            **self.first.report,
+            "rehearsal": {**best.attempt.rehearsal.to_data(), "repairs": best.attempt.repairs.sentences()},
+            "replay": best.replay.to_data(),
+            "users": [user | {"success_without": users[user["user"]]} for user in self.first.report.get("users", ())],
+        }
+        certificate = best.certificate.to_data()
+        if best.replay.failed:
+            certificate["counterexample"] = certificate["counterexample"] or f"replayed {best.replay.failures[0]}"
+        notes = (*self.first.notes, *_unproven(best.certificate), *_said(best), *_unlike(report["users"]))
+        return replace(self.first, tree=best.attempt.tree, report=report, notes=notes, certificate=certificate)
+
+    def _best(self) -> _Tried:
+        """The best attempt; if its replay fails, what that teaches is tried too."""
+        found = attempts(self.first.tree, self._made, self._rehearsed, self._proposed)
+        best = self._best_proven(found)
+        seen = self._proposed(best.replay.failures, best.attempt.repairs)
+        repairs = best.attempt.repairs | (seen[-1] if seen else NOTHING)
+        if repairs == best.attempt.repairs:
+            return best
+        tree = self._made(repairs)
+        other = self._completed(Attempt(tree, repairs, self._rehearsed(tree)))
+        return max(best, other, key=lambda one: one.better)
+
+    def _best_proven(self, found: Sequence[Attempt]) -> _Tried:
+        """The best rehearsed attempt if it is proven, or if the first is not proven either; else the first."""
+        first, best = found[0], found[-1]
+        certificate = _certificate(best.tree, self.stage.base, self.first.plan)
+        if certificate.counterexample is None or best is first:
+            return self._completed(best, certificate)
+        other = _certificate(first.tree, self.stage.base, self.first.plan)
+        one_proven = other.counterexample is None
+        return self._completed(first, other) if one_proven else self._completed(best, certificate)
+
+    def _completed(self, attempt: Attempt, certificate: Certificate | None = None) -> _Tried:
+        certificate = certificate or _certificate(attempt.tree, self.stage.base, self.first.plan)
+        return _Tried(attempt, certificate, replay(attempt.tree, self.stage, self.goals))
+
+    def _made(self, repairs: Repairs) -> Tree:
+        return self.plan.tree(repairs)
+
+    def _rehearsed(self, tree: Tree) -> Rehearsal:
+        return rehearse(tree, self.stage, self.goals(self.stage))
+
+    def _proposed(self, failures: Sequence[Outcome], known: Repairs) -> Sequence[Repairs]:
+        return self._lessons.of(failures, known) if self.first.plan else ()
+
+    @cached_property
+    def _lessons(self) -> Lessons:
+        return Lessons(
+            self.plan.placements, self.plan.nearest_m, self.plan.orders, self.goals(self.stage), self.stage.bodies
+        )
+
+
+def _certificate(tree: Tree, base_frame: str, plan: Plan | None) -> Certificate:
+    """The proof that the tree reaches what it says, and, where there is a plan, that this is the plan's goal."""
+    goal = plan.goal if plan else None
+    return prove(tree, base_frame, np.random.default_rng(0), goal, at_once=False)
+
+
+def _unproven(certificate: Certificate) -> tuple[str, ...]:
+    if certificate.counterexample is None:
+        return ()
+    return (
+        f"the tree is not proven; it may get only the alias latest: from a state with {certificate.counterexample}",
+    )
+
+
+def _unlike(users: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence on each user of whom nothing was said yet, and who does otherwise than the others' tree mostly."""
+    told = [user for user in users if user["success_without"] and not user["sentence"]]
+    counts = [(user["user"], *map(int, user["success_without"].split(" of "))) for user in told]
+    return [
+        f"the tree of the others does what user {name} did from {done} of {count} starts"
+        for name, done, count in counts
+        if 2 * done < count
+    ]
+
+
+def _said(best: _Tried) -> tuple[str, ...]:
+    """Sentences on what still fails in simulation."""
+    failures, total = best.attempt.rehearsal.failures, len(best.attempt.rehearsal.outcomes)
+    said = [f"rehearsal: {total - len(failures)} of {total} done; {failures[0]}"] if failures else []
+    only = "; the tree may get only the alias latest" if best.replay.failed else ""
+    said += [f"replay: {best.replay.failures[0]}{only}"] if best.replay.failures else []
+    return tuple(said)

@@ -1,0 +1,174 @@
+"""The skills of the contract, section 3, as activities that can be stopped between any two physics steps.
+
+Pick and Place go straight up to the height of travel, around to above the target, and straight down to it; after
+closing or opening they retreat straight up. Contact up to SLACK_M before the target counts as arrival, of what is held
+with anything and of the empty hand with the table: the support is where hand noise and camera noise let it be. The
+fingers stand no wider apart than what they take or leave needs. A skill that ends early leaves them as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from learner.model import Pose
+from learner.model.condition import GripperState
+from learner.simulation.cell.arm_kinematics import inverse
+from learner.simulation.cell.motion import Around, Straight, Travel, travel, wait
+from learner.simulation.cell.physics import TABLE, UnknownObjectError, World
+
+TRAVEL_HEIGHT_M: Final = 0.30
+"""Of `tool0`: what is held clears a tower of four."""
+APPROACH_M: Final = 0.10
+"""Height of the approach over targets near or above the height of travel."""
+SLACK_M: Final = 0.015
+TRAVEL_M_PER_S: Final = 0.6
+DOWN_M_PER_S: Final = 0.25
+LIFT_M_PER_S: Final = 0.4
+FINGERS_STILL_M_PER_S: Final = 2e-3
+FINGERS_PATIENCE_S: Final = 1.5
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a skill ended; `reason` is a sentence where it failed."""
+
+    status: Literal["success", "failure"]
+    reason: str | None = None
+
+    @staticmethod
+    def because(reason: str | None) -> Outcome:
+        """Success where there is no reason to the contrary."""
+        return Outcome("success") if reason is None else Outcome("failure", reason)
+
+
+Skill = Generator[None, None, Outcome]
+
+
+def pick(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
+    """Move to the pose in the frame, close, lift. Fails if the gripper is closed at its start, or on contact, or if
+    `name` is not held at its end. Raises UnknownObjectError at its first step.
+
+    Fingers that closed on nothing are lifted too: only then is it seen that what is between them does not follow.
+    """
+    _check_object(world, name)
+    target = world.frame_in_base(frame) @ tool_in_frame
+    if world.gripper_state == "closed":
+        return Outcome("failure", "the gripper is closed already")
+    world.make_ready(name)
+    reason = yield from approach(world, target, ignored=name)
+    if reason is not None:
+        return Outcome("failure", reason)
+    yield from close_gripper(world)
+    if world.held not in (None, name):
+        return Outcome("failure", f"{name} is not held: the fingers closed on {world.held}")
+    grasped = world.held
+    yield from lift(world)
+    if grasped is None:
+        return Outcome("failure", f"{name} is not held: the fingers closed on nothing")
+    return Outcome.because(None if world.held == name else f"{name} was lost on the way up")
+
+
+def place(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
+    """Move to the pose in the frame, open, retreat: Place and Drop. Fails if `name` is not held when it would open,
+    or on contact, then still holding it. Raises UnknownObjectError at its first step.
+    """
+    _check_object(world, name)
+    target = world.frame_in_base(frame) @ tool_in_frame
+    if world.held != name:
+        yield from lift(world)
+        return Outcome("failure", f"{name} is not held: the gripper holds {world.held or 'nothing'}")
+    reason = yield from approach(world, target, held=name)
+    if reason is not None:
+        return Outcome("failure", reason)
+    yield from open_gripper(world)
+    yield from lift(world)
+    return Outcome("success")
+
+
+def set_gripper(world: World, state: GripperState) -> Skill:
+    """Open or close where the hand is."""
+    yield from (open_gripper(world) if state == "open" else close_gripper(world))
+    return Outcome("success")
+
+
+def move(world: World, target: Pose) -> Skill:
+    """Bring the hand to a pose in the base, as an operator who leads it: up, around, down."""
+    return Outcome.because((yield from approach(world, target, held=world.held)))
+
+
+def approach(world: World, target: Pose, ignored: str | None = None, held: str | None = None) -> Travel:
+    """Up, around and down to a pose of `tool0` in the base; the reason where it ends early.
+
+    `ignored` may brush the fingers from the side; `held` has to stay in the gripper on the way.
+    """
+    above = _raised(target, max(TRAVEL_HEIGHT_M, target.position[2] + APPROACH_M))
+    if inverse(target) is None or inverse(above) is None:
+        x, y, z = target.position
+        return f"the pose is out of reach: {x:.3f}, {y:.3f}, {z:.3f} m in the base"
+
+    def watch(left_m: float) -> str | None:
+        if held is not None and world.held != held:
+            return f"{held} is not held any more"
+        obstacle = world.obstacle(ignored)
+        return None if obstacle is None else f"contact with {obstacle} {left_m * 100:.1f} cm before the target"
+
+    def watch_down(left_m: float) -> str | None:
+        reason = watch(left_m)
+        support = "contact" if world.held else f"contact with {TABLE}"
+        arrived = reason is not None and reason.startswith(support) and left_m <= SLACK_M
+        return ARRIVED if arrived else reason
+
+    yield from lift(world, above.position[2])
+    reason = yield from travel(world, Around(world.arm.tool_pose, above), TRAVEL_M_PER_S, watch)
+    if reason is None:
+        reason = yield from travel(world, Straight(above, target), DOWN_M_PER_S, watch_down)
+    return None if reason == ARRIVED else reason
+
+
+ARRIVED: Final = "arrived"
+
+
+def lift(world: World, height_m: float = TRAVEL_HEIGHT_M) -> Travel:
+    """Straight up to a height of `tool0`; nothing to do where it is there or higher.
+
+    Contact does not stop it: what the held object stands on or leans against touches it at first.
+    """
+    here = world.arm.tool_pose
+    if here.position[2] >= height_m - 1e-3:
+        return None
+    return (yield from travel(world, Straight(here, _raised(here, height_m)), LIFT_M_PER_S, lambda left_m: None))
+
+
+def close_gripper(world: World) -> Generator[None, None, None]:
+    """Close until the fingers stand still; what they grasped well is held."""
+    if world.gripper_state == "closed":
+        return
+    grasped = world.close_fingers()
+    yield from _until_fingers_stand(world)
+    world.finish_closing(grasped)
+
+
+def open_gripper(world: World) -> Generator[None, None, None]:
+    """Release what is held, and open until the fingers stand still."""
+    world.open_fingers()
+    yield from _until_fingers_stand(world)
+
+
+def _until_fingers_stand(world: World) -> Generator[None, None, None]:
+    yield from wait(0.1)
+    for _ in wait(FINGERS_PATIENCE_S):
+        if world.arm.finger_speed_m_per_s < FINGERS_STILL_M_PER_S:
+            return
+        yield
+
+
+def _raised(pose: Pose, height_m: float) -> Pose:
+    x, y, _ = pose.position
+    return Pose((x, y, height_m), pose.quaternion_xyzw)
+
+
+def _check_object(world: World, name: str) -> None:
+    if name not in world.objects:
+        raise UnknownObjectError("object", name, world.objects)
