@@ -17,7 +17,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from learner.model import ActionPress, GripperSample, Recording, Track
 from learner.simulation.cell.camera import Noise
 from learner.simulation.cell.physics import World
-from pipelines.cell import Cell
+from pipelines.simulated_cell.cell import Cell
 
 
 def free_port() -> int:

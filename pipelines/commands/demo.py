@@ -19,7 +19,7 @@ from pipelines.errors import CommandError
 from pipelines.home import Home
 
 if TYPE_CHECKING:
-    from pipelines.demo import Report
+    from pipelines.demo.demo import Report
 
 FOLDER: Final = "treewright-demo"
 MARK: Final = "demo.txt"
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0 if the robot did the task in every run."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     home = Home(_folder(arguments, os.environ))
-    from pipelines.demo import Settings, demo
+    from pipelines.demo.demo import Settings, demo
 
     report = demo(home, Settings(arguments.demonstrations, arguments.seed, arguments.speed), console.say)
     return conclude(report, console)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.console import Console
 from pipelines.errors import CommandError, UnreachableError
-from pipelines.session import add_zenoh_arguments, open_session
+from pipelines.network.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
     import zenoh
@@ -71,7 +71,7 @@ def ask_recorder(
 
     Raises CommandError with the recorder's own sentence if it refuses, UnreachableError if it does not answer.
     """
-    from pipelines.question import await_somebody
+    from pipelines.network.question import await_somebody
 
     with session.declare_querier(f"{prefix}/recorder/{verb}", timeout=timeout_s) as querier:
         await_somebody(querier, time.monotonic() + min(timeout_s, APPEARS_S))
@@ -134,7 +134,7 @@ def _act(session: zenoh.Session, prefix: str, arguments: argparse.Namespace) -> 
 def _publish(session: zenoh.Session, key: str, payload: str) -> None:
     import zenoh
 
-    from pipelines.question import await_somebody
+    from pipelines.network.question import await_somebody
 
     with session.declare_publisher(
         key,

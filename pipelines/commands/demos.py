@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0; what fails raises."""
-    from pipelines.stores import open_lake
+    from pipelines.steps.stores import open_lake
 
     ACTIONS[arguments.action](open_lake(Home.current()), arguments, console)
     return 0

@@ -15,7 +15,7 @@ from pipelines.console import Console
 from pipelines.home import Home
 
 if TYPE_CHECKING:
-    from pipelines.ingest import Harvest
+    from pipelines.steps.ingest import Harvest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 1 if any recording was quarantined, after doing the rest."""
-    from pipelines.ingest import ingest
-    from pipelines.stores import open_lake
+    from pipelines.steps.ingest import ingest
+    from pipelines.steps.stores import open_lake
 
     home = Home.current()
     harvest = ingest(home, open_lake(home), arguments.files)
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
 def _tell(harvest: Harvest, console: Console) -> None:
     from learner.observation import warnings_of
-    from pipelines.ingest import doubts_about
+    from pipelines.steps.ingest import doubts_about
 
     for demonstration in harvest.ingested:
         what = f"{demonstration.task} by {demonstration.user}, {len(demonstration.actions)} actions"

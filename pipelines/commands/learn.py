@@ -14,7 +14,7 @@ from pipelines.console import Console
 from pipelines.home import Home
 
 if TYPE_CHECKING:
-    from pipelines.learn import Lesson
+    from pipelines.steps.learn import Lesson
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,14 +40,14 @@ def _learn(arguments: argparse.Namespace) -> Lesson:
 
     home, method = Home.current(), arguments.method or DEFAULT_METHOD
     if os.environ.get("PREFECT_API_URL"):
-        from pipelines.prefect_server import run_in_this_process
+        from pipelines.service.prefect_server import run_in_this_process
 
         run_in_this_process()
         from pipelines.flows.learn import learn_flow
 
         return learn_flow(str(home.root), arguments.task, method, arguments.include_unknown, arguments.include_gaps)
-    from pipelines.learn import learn_task
-    from pipelines.stores import open_lake, open_store
+    from pipelines.steps.learn import learn_task
+    from pipelines.steps.stores import open_lake, open_store
 
     with open_store(home) as store:
         return learn_task(

@@ -9,7 +9,7 @@ from typing import Any
 
 from pipelines.console import Console
 from pipelines.home import Home
-from pipelines.session import add_zenoh_arguments, open_session
+from pipelines.network.session import add_zenoh_arguments, open_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

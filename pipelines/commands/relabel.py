@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0; what fails raises."""
-    from pipelines.stores import open_lake
+    from pipelines.steps.stores import open_lake
 
     lake = open_lake(Home.current())
     changed = lake.relabel(arguments.id, arguments.step, arguments.type)

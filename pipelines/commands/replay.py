@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pipelines.console import Console
 from pipelines.errors import CommandError
-from pipelines.session import add_zenoh_arguments, open_session
+from pipelines.network.session import add_zenoh_arguments, open_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

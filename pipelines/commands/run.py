@@ -23,14 +23,14 @@ from typing import TYPE_CHECKING, Any, Final
 from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import Home
+from pipelines.network.session import add_zenoh_arguments, open_session
 from pipelines.reference import Reference
-from pipelines.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
     import zenoh
 
-    from pipelines.controller import Result
-    from pipelines.run_plan import Plan
+    from pipelines.controller.controller import Result
+    from pipelines.controller.job import Plan
 
 HOME_STORE: Final = ""
 
@@ -82,12 +82,12 @@ def _stopped_by_signals() -> threading.Event:
 def _fetched(
     arguments: argparse.Namespace, session: zenoh.Session, reference: Reference, stop: threading.Event
 ) -> Plan:
-    from pipelines import run_plan
+    from pipelines.controller import job
 
     if arguments.store is None:
-        return run_plan.from_zenoh(session, reference, stop)
+        return job.from_zenoh(session, reference, stop)
     root = Home.current().store if arguments.store == HOME_STORE else Path(arguments.store)
-    return run_plan.from_store(root, os.environ.get("TREEWRIGHT_STORE_URL"), reference)
+    return job.from_store(root, os.environ.get("TREEWRIGHT_STORE_URL"), reference)
 
 
 def _on_cell(
@@ -99,7 +99,7 @@ def _on_cell(
     stop: threading.Event,
 ) -> int:
     from learner.execution.perception import CellState
-    from pipelines.cell_link import CellLink
+    from pipelines.controller.cell_link import CellLink
 
     with CellLink(session, cell, CellState(plan.base_frame, plan.end_effector_frame)) as link:
         plan.await_cell(link, stop)
@@ -109,7 +109,7 @@ def _on_cell(
 
 
 def _say_what_would_be_done(console: Console, plan: Plan, link: Any) -> int:
-    from pipelines.run_plan import first_action
+    from pipelines.controller.job import first_action
 
     status, action = first_action(plan.root, link.state)
     would = f"start with {action}" if action else f"do nothing: the tree's status is {status}"
@@ -120,8 +120,8 @@ def _say_what_would_be_done(console: Console, plan: Plan, link: Any) -> int:
 
 
 def _execute(arguments: argparse.Namespace, console: Console, plan: Plan, link: Any, stop: threading.Event) -> int:
-    from pipelines.controller import Controller
-    from pipelines.trace import Trace
+    from pipelines.controller.controller import Controller
+    from pipelines.controller.trace import Trace
 
     moment = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     file = Home.current().traces / f"{moment}-{plan.task}-{link.cell}-{uuid.uuid4().hex[:6]}.jsonl"

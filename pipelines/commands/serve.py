@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pipelines.console import Console
 from pipelines.home import Home
-from pipelines.session import add_zenoh_arguments, open_session
+from pipelines.network.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
-    from pipelines.serve import Settings
+    from pipelines.service.serve import Settings
 
 DEFAULT_HTTP: Final = "127.0.0.1:8420"
 
@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         # In a thread: the handler interrupts the main thread anywhere, also where that holds the event's lock.
         signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
-    from pipelines.prefect_server import StoppedError
-    from pipelines.serve import service
+    from pipelines.service.prefect_server import StoppedError
+    from pipelines.service.serve import service
 
     with open_session(arguments) as session:
         try:
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
-    from pipelines.serve import Settings
+    from pipelines.service.serve import Settings
 
     host, port = arguments.http
     return Settings(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.console import Console, silent_standard_error
 from pipelines.errors import CommandError
-from pipelines.session import add_zenoh_arguments, open_session
+from pipelines.network.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
     import zenoh
@@ -49,7 +49,7 @@ def _live(arguments: argparse.Namespace, console: Console, session: zenoh.Sessio
 
     with silent_standard_error():
         from learner.simulation.cell.physics import World
-    from pipelines.cell import Cell
+    from pipelines.simulated_cell.cell import Cell
 
     rng = np.random.default_rng(arguments.seed)
     noise = Noise(arguments.noise_mm / 1000, math.radians(arguments.noise_deg))

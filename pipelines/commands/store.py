@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0; what fails raises."""
     if arguments.action == "export" and console.as_json and arguments.output == STANDARD_OUTPUT:
         arguments.refuse("--json leaves standard output to the report; name a file with -o")
-    from pipelines.stores import open_store
+    from pipelines.steps.stores import open_store
 
     with open_store(Home.current()) as store:
         ACTIONS[arguments.action](store, arguments, console)

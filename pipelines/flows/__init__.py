@@ -4,5 +4,5 @@
                      │                   │
                  quarantine      clusters, groups, tree                 shown as Prefect artifacts
 
-A task is a few lines around a plain function of pipelines.ingest, pipelines.learn or pipelines.story.
+A task is a few lines around a plain function of `pipelines.steps`.
 """

@@ -18,7 +18,7 @@ from pipelines.flows.ingest import ingest_flow
 from pipelines.flows.learn import learn_flow
 from pipelines.flows.story import story_flow
 from pipelines.home import Home
-from pipelines.prefect_server import deployment_name
+from pipelines.service.prefect_server import deployment_name
 
 POLL_S: Final = 2.0
 

@@ -10,8 +10,8 @@ from prefect import flow, task
 from pipelines.flows.patience import PATIENT
 from pipelines.flows.shown import show_harvest
 from pipelines.home import Home
-from pipelines.ingest import Harvest, ingest
-from pipelines.stores import open_lake
+from pipelines.steps.ingest import Harvest, ingest
+from pipelines.steps.stores import open_lake
 
 
 @flow(name="ingest", validate_parameters=False)

@@ -11,8 +11,8 @@ from learner.learning import DEFAULT_METHOD
 from pipelines.flows.patience import PATIENT
 from pipelines.flows.shown import show_learned, show_lesson
 from pipelines.home import Home
-from pipelines.learn import Choice, Lesson, choose, learn_from, publish
-from pipelines.stores import open_lake, open_store
+from pipelines.steps.learn import Choice, Lesson, choose, learn_from, publish
+from pipelines.steps.stores import open_lake, open_store
 
 
 @flow(name="learn", validate_parameters=False)

@@ -11,8 +11,8 @@ from typing import Any
 from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
 
 from learner.learned import Learned
-from pipelines.ingest import Harvest
-from pipelines.learn import Lesson
+from pipelines.steps.ingest import Harvest
+from pipelines.steps.learn import Lesson
 from storage.picture import to_svg
 
 

@@ -12,8 +12,8 @@ from pipelines.flows.ingest import ingest_flow
 from pipelines.flows.learn import learn_flow
 from pipelines.flows.patience import PATIENT
 from pipelines.home import Home
-from pipelines.stores import open_lake
-from pipelines.story import Standing, changed_tasks, remember
+from pipelines.steps.changes import Standing, changed_tasks, remember
+from pipelines.steps.stores import open_lake
 
 
 @flow(name="story", validate_parameters=False)

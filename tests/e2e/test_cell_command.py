@@ -11,7 +11,7 @@ import sys
 import pytest
 from support_physical_cell import free_port, open_loopback
 
-from pipelines.question import ask
+from pipelines.network.question import ask
 
 
 def sim(*options: str) -> list[str]:

@@ -15,7 +15,7 @@ from support_processes import processes_of, wait_until
 
 from pipelines.commands import demo as command
 from pipelines.console import Console
-from pipelines.demo import Report, Run
+from pipelines.demo.demo import Report, Run
 from recorder.recording import read_recording
 from storage.artifacts import ArtifactStore
 from storage.btcpp import from_xml

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from support_processes import command, daemon
 
-from pipelines.session import open_session
+from pipelines.network.session import open_session
 
 START = ("--task", "lift", "--user", "u1", "--objects", "A", "--base-frame", "map", "--end-effector-frame", "hand")
 

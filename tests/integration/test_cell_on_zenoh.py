@@ -20,10 +20,10 @@ from learner.observation import observe
 from learner.simulation.cell.arm_kinematics import pointing_down
 from learner.simulation.cell.physics import World
 from learner.simulation.scenarios import SCENARIOS
-from pipelines.cell import Cell
 from pipelines.errors import CommandError, UnreachableError
-from pipelines.question import ask
-from pipelines.scripted_operator import Habits, ScriptedOperator
+from pipelines.network.question import ask
+from pipelines.simulated_cell.cell import Cell
+from pipelines.simulated_cell.operator import Habits, ScriptedOperator
 
 ROOT = "treewright/c1"
 HURRIED = Habits(pause_s=(0.05, 0.15), settle_s=0.6)

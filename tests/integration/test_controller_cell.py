@@ -19,12 +19,12 @@ from learner.execution.perception import CellState
 from learner.model.condition import GripperIs, InGripper, ObjectAt
 from learner.model.pose import Pose
 from learner.model.tree import Definition, Node, Tree, fallback, leaf, sequence
-from pipelines import controller
-from pipelines.cell_link import CellLink
-from pipelines.controller import FAILURES_IN_A_ROW, Controller, Result
+from pipelines.controller import controller
+from pipelines.controller.cell_link import CellLink
+from pipelines.controller.controller import FAILURES_IN_A_ROW, Controller, Result
+from pipelines.controller.job import Plan, first_action
+from pipelines.controller.trace import Trace
 from pipelines.errors import CellRefusedError, CommandError, UnreachableError
-from pipelines.run_plan import Plan, first_action
-from pipelines.trace import Trace
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 IN_BOX = (0.1, 0.0, 0.0)

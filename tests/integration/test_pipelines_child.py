@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from support_processes import wait_until
 
-from pipelines.child import Child, ChildFailedError
+from pipelines.service.child import Child, ChildFailedError
 
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
 
@@ -64,7 +64,7 @@ def test_what_it_started_ends_with_it(tmp_path: Path) -> None:
 
 
 def test_one_that_will_not_end_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipelines.child.PATIENCE_S", 0.3)
+    monkeypatch.setattr("pipelines.service.child.PATIENCE_S", 0.3)
     begin_s = time.monotonic()
     with python(STUBBORN, tmp_path) as child:
         child.hear(30)
@@ -74,7 +74,7 @@ def test_one_that_will_not_end_is_killed(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_it_ends_when_its_owner_is_killed(tmp_path: Path) -> None:
     script = (
-        "import os, sys, time; from pathlib import Path; from pipelines.child import Child\n"
+        "import os, sys, time; from pathlib import Path; from pipelines.service.child import Child\n"
         "sleeper = [sys.executable, '-c', 'import os, time; print(os.getpid(), flush=True); time.sleep(60)']\n"
         f"with Child('sleeper', sleeper, os.environ, Path({str(tmp_path / 'sleeper.log')!r})): time.sleep(60)"
     )

@@ -51,7 +51,7 @@ def test_the_recorders_image_installs_all_that_recording_loads() -> None:
     installed = {
         name.lower().replace("_", "-") for name in line.partition("requirements.lock")[2].split("&&")[0].split()
     }
-    script = "import recorder.daemon, pipelines.session, sys, zenoh, zenoh.ext; print(*sys.modules)"
+    script = "import recorder.daemon, pipelines.network.session, sys, zenoh, zenoh.ext; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     found = packages_distributions()
     loaded = {name.lower().replace("_", "-") for module in done.stdout.split() if "." not in module

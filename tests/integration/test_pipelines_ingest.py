@@ -15,7 +15,7 @@ from support_recordings import Take, object_in_box
 
 from pipelines.cli import main
 from pipelines.home import Home
-from pipelines.ingest import Harvest, ingest
+from pipelines.steps.ingest import Harvest, ingest
 from storage.lake import Lake
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "contract_samples"

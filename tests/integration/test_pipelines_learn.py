@@ -11,8 +11,8 @@ from support_recordings import object_in_box
 from learner.learning import METHODS
 from pipelines.cli import main
 from pipelines.home import Home
-from pipelines.ingest import ingest
-from pipelines.learn import code_version, learn_task
+from pipelines.steps.ingest import ingest
+from pipelines.steps.learn import code_version, learn_task
 from storage.artifacts import ArtifactStore
 from storage.lake import Lake
 

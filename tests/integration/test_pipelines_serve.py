@@ -14,8 +14,8 @@ from support_processes import command, daemon
 from support_recordings import object_in_box
 
 from pipelines.home import Home
-from pipelines.ingest import ingest
-from pipelines.session import open_session
+from pipelines.network.session import open_session
+from pipelines.steps.ingest import ingest
 from storage.client import fetch
 from storage.lake import Lake
 

@@ -8,8 +8,8 @@ import pytest
 from support_recordings import object_in_box
 
 from pipelines.home import Home
-from pipelines.ingest import ingest
-from pipelines.story import changed_tasks, remember, standings
+from pipelines.steps.changes import changed_tasks, remember, standings
+from pipelines.steps.ingest import ingest
 from storage.lake import Lake
 
 

@@ -25,8 +25,8 @@ from learner.parameters import Parameters
 from learner.planning.draft import Plan
 from learner.rehearsal.trial import tried
 from pipelines.home import Home
-from pipelines.ingest import ingest
-from pipelines.learn import Choice, learn_from, publish
+from pipelines.steps.ingest import ingest
+from pipelines.steps.learn import Choice, learn_from, publish
 from storage.artifacts import ArtifactStore
 from storage.errors import AliasRefusedError
 from storage.lake import Lake

@@ -9,10 +9,10 @@ import pytest
 
 from learner.errors import NameRefusedError
 from learner.model.tree import Node
-from pipelines.controller import described
+from pipelines.controller.controller import described
+from pipelines.controller.trace import Trace
 from pipelines.errors import CommandError
 from pipelines.reference import Reference
-from pipelines.trace import Trace
 
 
 @pytest.mark.parametrize(

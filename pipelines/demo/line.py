@@ -15,11 +15,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from pipelines.child import Child
 from pipelines.home import Home
-from pipelines.prefect_server import START_S
-from pipelines.question import ask
-from pipelines.session import open_session
+from pipelines.network.question import ask
+from pipelines.network.session import open_session
+from pipelines.service.child import Child
+from pipelines.service.prefect_server import START_S
 
 if TYPE_CHECKING:
     import zenoh
@@ -48,7 +48,7 @@ class Line:
     prefect: str
 
     def ask(self, key: str, **fields: Any) -> dict[str, Any]:
-        """What the cell answers to a question. Raises as `pipelines.question.ask`."""
+        """What the cell answers to a question. Raises as `pipelines.network.question.ask`."""
         return ask(self.session, f"treewright/{self.cell}/{key}", fields)
 
     @contextmanager

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pipelines.child import Child
+from pipelines.demo.line import RUN_S, Line, open_line
 from pipelines.errors import CommandError
 from pipelines.home import Home
-from pipelines.line import RUN_S, Line, open_line
-from pipelines.prefect_server import run_story
-from pipelines.scripted_operator import DemonstrationFailedError, Habits, demonstrate_scenario
+from pipelines.service.child import Child
+from pipelines.service.prefect_server import run_story
+from pipelines.simulated_cell.operator import DemonstrationFailedError, Habits, demonstrate_scenario
 from recorder.recording import read_header
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from learner.model import Pose
 from learner.simulation.cell.arm_kinematics import pointing_down
 from learner.simulation.scenarios import BASE, TOOL, Scenario, Step, scenario_named
 from pipelines.errors import CommandError
-from pipelines.publisher import declare_publisher
-from pipelines.question import ask
+from pipelines.network.publisher import declare_publisher
+from pipelines.network.question import ask
 
 ACTION_ENCODING: Final = "application/json;treewright.DemonstratedAction"
 DRAG_LIMIT_S: Final = 120.0

@@ -10,10 +10,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from pipelines.child import Child
 from pipelines.home import Home
-from pipelines.prefect_server import check_api, flow_runner, prefect_server
-from pipelines.stores import open_store
+from pipelines.service.child import Child
+from pipelines.service.prefect_server import check_api, flow_runner, prefect_server
+from pipelines.steps.stores import open_store
 from storage.artifacts import ArtifactStore
 from storage.errors import StorageUnavailableError
 from storage.http import StoreOnHttp

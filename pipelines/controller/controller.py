@@ -22,9 +22,9 @@ from learner.execution.perception import condition_of
 from learner.execution.ticking import Status
 from learner.model.condition import Condition, GripperState
 from learner.model.tree import CONDITIONS, Node
-from pipelines.cell_link import Answer, CellLink, PendingAnswer
+from pipelines.controller.cell_link import Answer, CellLink, PendingAnswer
+from pipelines.controller.trace import Trace
 from pipelines.errors import UnreachableError
-from pipelines.trace import Trace
 
 PERIOD_S: Final = 0.05
 """Time between two ticks [s]."""

@@ -36,7 +36,7 @@ from learner.simulation.cell.physics import PERIOD_S, World
 from learner.simulation.cell.skills import Outcome, Skill
 from learner.simulation.scenarios import BASE, TOOL, sample_spot
 from pipelines.errors import CommandError
-from pipelines.publisher import declare_publisher
+from pipelines.network.publisher import declare_publisher
 
 POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
 GRIPPER_ENCODING: Final = "application/json;treewright.GripperState"

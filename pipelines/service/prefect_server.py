@@ -16,9 +16,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
 
-from pipelines.child import Child, ChildFailedError
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.home import Home
+from pipelines.service.child import Child, ChildFailedError
 
 HOST: Final = "127.0.0.1"
 START_S: Final = 180.0

@@ -13,8 +13,8 @@ from learner.execution.perception import CellState, condition_of
 from learner.execution.ticking import Status, Ticker
 from learner.model.names import check_name
 from learner.model.tree import ACTIONS, CONDITIONS, Node, Tree
-from pipelines.cell_link import CellLink
-from pipelines.controller import described
+from pipelines.controller.cell_link import CellLink
+from pipelines.controller.controller import described
 from pipelines.errors import CellRefusedError, CommandError, UnreachableError
 from pipelines.home import Home
 from pipelines.reference import Reference

@@ -15,7 +15,7 @@ from typing import Any
 
 from learner.learning import DEFAULT_METHOD
 from pipelines.home import Home
-from pipelines.learn import code_version
+from pipelines.steps.learn import code_version
 from storage.lake import Entry, Lake
 
 

@@ -1,0 +1,1 @@
+"""Zenoh as commands and controllers use it: sessions, questions to queryables, publishers."""
