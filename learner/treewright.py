@@ -22,9 +22,9 @@ _REASONS = {True: "was put back", False: "was put where others do not put it, or
 
 def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
     """The tree of our method, with what is not known. Raises NothingLearnedError if nothing was moved."""
-    understood = understand(demonstrations, parameters)
-    plan = Plan(understood, parameters, understood_without(understood, parameters))
-    asked = questions(demonstrations, understood.targets, parameters)
+    understood = understand(demonstrations, parameters.inference)
+    plan = Plan(understood, parameters.planning, understood_without(understood))
+    asked = questions(demonstrations, understood.targets, parameters.inference)
     users = agreement(understood, plan.without)
     report, notes = _report(understood, asked, users), _notes(understood, asked, users)
     return Learned(plan.tree(), report, notes, plan=plan)

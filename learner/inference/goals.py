@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from learner.inference.order import orders
+from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target
 from learner.model import Demonstration, Pose
-from learner.parameters import Parameters
 
 Chain = Sequence[Target]
 
@@ -129,14 +129,14 @@ def groups_of(
     demonstrations: Sequence[Demonstration],
     chains: Mapping[int, Chain],
     held: Mapping[int, str],
-    parameters: Parameters,
+    parameters: InferenceParameters,
 ) -> list[Group]:
     """The groups, the one with most demonstrations first.
 
     A demonstration whose goal is part of another's left the rest as it found it and joins the larger goal. Where some
     goals are shared by enough demonstrations and users, the others are left out: to stop early is not to be done.
     """
-    radius_m = 2 * parameters.noise_radius_m
+    radius_m = parameters.same_goal_m
     finals = {number: final_targets(chain) for number, chain in chains.items()}
     everything = sorted({t for final in finals.values() for t in final.values()}, key=lambda t: (t.object, t.members))
     goals = {
@@ -151,7 +151,9 @@ def groups_of(
     return _shared(sorted(found, key=lambda g: (-len(g.demonstrations), g.demonstrations)), demonstrations, parameters)
 
 
-def _shared(groups: list[Group], demonstrations: Sequence[Demonstration], parameters: Parameters) -> list[Group]:
+def _shared(
+    groups: list[Group], demonstrations: Sequence[Demonstration], parameters: InferenceParameters
+) -> list[Group]:
     """The groups that enough demonstrations and users share, with a note on the others; all where none is."""
     everyone = len({demonstration.user for demonstration in demonstrations})
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Sample
 from learner.model import DemonstratedAction, Demonstration
-from learner.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ def fall_m(sample: Sample) -> float | None:
     return _fall_m(sample.action, sample.base_frame)
 
 
-def doubts(demonstration: Demonstration, parameters: Parameters) -> Iterator[str]:
+def doubts(demonstration: Demonstration, parameters: InferenceParameters) -> Iterator[str]:
     """Sentences on releases of one demonstration whose label does not fit how high the object was released.
 
     One demonstration tells height alone, so only what is clear is told: placed from above the drop height, or dropped
@@ -55,7 +55,7 @@ def _fall_m(action: DemonstratedAction, base_frame: str) -> float | None:
     return action.objects[action.object].position[2] - action.rest[base_frame].position[2]
 
 
-def verdict(samples: Sequence[Sample], spread_m: float, on_top: bool, parameters: Parameters) -> Verdict:
+def verdict(samples: Sequence[Sample], spread_m: float, on_top: bool, parameters: InferenceParameters) -> Verdict:
     """The label that fits the releases of one target.
 
     `spread_m` is the greatest distance of a rest to their mean; `on_top` tells that the object rests upon another

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Sample
 from learner.model import DemonstratedAction, Demonstration
-from learner.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,9 @@ class Move:
         return self.pick.object
 
 
-def moves_of(number: int, demonstration: Demonstration, parameters: Parameters) -> tuple[list[Move], list[str]]:
+def moves_of(
+    number: int, demonstration: Demonstration, parameters: InferenceParameters
+) -> tuple[list[Move], list[str]]:
     """The moves of one demonstration, and a note on each that was left out.
 
     Left out are what the very next move corrects, and what was put back to where this demonstration had put it before.

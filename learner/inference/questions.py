@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target
 from learner.model import Demonstration
-from learner.parameters import Parameters
 
 
 def questions(
-    demonstrations: Sequence[Demonstration], targets: Sequence[Target], parameters: Parameters
+    demonstrations: Sequence[Demonstration], targets: Sequence[Target], parameters: InferenceParameters
 ) -> list[dict[str, Any]]:
     """A question for each target that is not sure, the least certain first, and one if there are too few
     demonstrations to tell anything.
@@ -47,7 +47,7 @@ def _contrast(frame: str, rival: str, base: str) -> str:
     return f"move {rival}, leave {frame}"
 
 
-def _more(demonstrations: Sequence[Demonstration], parameters: Parameters) -> dict[str, Any]:
+def _more(demonstrations: Sequence[Demonstration], parameters: InferenceParameters) -> dict[str, Any]:
     count = len(demonstrations)
     missing = max(parameters.min_samples - count, 1)
     where = "there" if count == 1 else f"in one of them (first of all {demonstrations[0].demonstration_id})"

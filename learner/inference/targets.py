@@ -17,10 +17,10 @@ from learner.inference.clustering import Cluster, clusters_in_frame, dbscan, gre
 from learner.inference.frames import log_density, posterior
 from learner.inference.labels import Verdict, fall_m, verdict
 from learner.inference.moves import Move, release_sample
+from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Sample, candidate_frames, positions_in
 from learner.model import Demonstration, Pose
 from learner.model.pose import Array, Vector, conjugate, express, multiply, rotate
-from learner.parameters import Parameters
 
 LIKELY = 0.02
 """What an object rests upon stands in for a frame that the task keeps rigid with it from this probability on."""
@@ -69,7 +69,9 @@ class Target:
 class TargetFinder:
     """Finds the targets of all moves of a task."""
 
-    def __init__(self, demonstrations: Sequence[Demonstration], moves: Sequence[Move], parameters: Parameters) -> None:
+    def __init__(
+        self, demonstrations: Sequence[Demonstration], moves: Sequence[Move], parameters: InferenceParameters
+    ) -> None:
         self.demonstrations, self.moves, self.parameters = demonstrations, moves, parameters
         self.samples: list[Sample | None] = [
             None if move.release is None else release_sample(demonstrations, move) for move in moves

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from learner.errors import NothingLearnedError
 from learner.inference.goals import Group, groups_of
 from learner.inference.moves import Move, moves_of
+from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target, TargetFinder
 from learner.model import Demonstration
-from learner.parameters import Parameters
 
 Meaning = frozenset[frozenset[tuple[str, str, str]]]
 """The goals of all groups, each as (object, type, frame) of its targets; of frames that are rigid by the task the
@@ -19,9 +19,13 @@ first by name, since any of them means the same."""
 
 @dataclass(frozen=True)
 class Understanding:
-    """What was understood of `demonstrations`; `strange` are the numbers of moves that belong to no target."""
+    """What was understood of `demonstrations` with these `parameters`.
+
+    `strange` are the numbers of moves that belong to no target.
+    """
 
     demonstrations: tuple[Demonstration, ...]
+    parameters: InferenceParameters
     moves: tuple[Move, ...]
     targets: tuple[Target, ...]
     groups: tuple[Group, ...]
@@ -35,7 +39,7 @@ class Understanding:
         )
 
 
-def understand(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Understanding:
+def understand(demonstrations: Sequence[Demonstration], parameters: InferenceParameters) -> Understanding:
     """Moves cleaned, targets found, goals grouped. Raises NothingLearnedError if nothing was moved."""
     moves: list[Move] = []
     notes: list[str] = []
@@ -58,7 +62,7 @@ def understand(demonstrations: Sequence[Demonstration], parameters: Parameters) 
     inside = {number for target in targets for number in target.members}
     strange = tuple(n for n, move in enumerate(moves) if move.release is not None and n not in inside)
     return Understanding(
-        tuple(demonstrations), tuple(moves), tuple(targets), tuple(groups), strange, tuple(notes)
+        tuple(demonstrations), parameters, tuple(moves), tuple(targets), tuple(groups), strange, tuple(notes)
     )  # fmt: skip
 
 

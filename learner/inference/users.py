@@ -7,22 +7,21 @@ from typing import Any
 
 from learner.errors import NothingLearnedError
 from learner.inference.understanding import Understanding, understand
-from learner.parameters import Parameters
 
 
-def understood_without(understood: Understanding, parameters: Parameters) -> dict[str, Understanding | None]:
+def understood_without(understood: Understanding) -> dict[str, Understanding | None]:
     """For each of several users, by name, what the demonstrations of the others mean.
 
     None where they are too few to make a cluster, or mean nothing; empty for a single user.
     """
     users = sorted({demonstration.user for demonstration in understood.demonstrations})
-    return {user: _of_others(user, understood, parameters) for user in users} if len(users) > 1 else {}
+    return {user: _of_others(user, understood) for user in users} if len(users) > 1 else {}
 
 
-def _of_others(user: str, understood: Understanding, parameters: Parameters) -> Understanding | None:
+def _of_others(user: str, understood: Understanding) -> Understanding | None:
     others = [demonstration for demonstration in understood.demonstrations if demonstration.user != user]
     try:
-        return understand(others, parameters) if len(others) >= parameters.min_samples else None
+        return understand(others, understood.parameters) if len(others) >= understood.parameters.min_samples else None
     except NothingLearnedError:
         return None
 

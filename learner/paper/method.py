@@ -1,7 +1,7 @@
 """The published method, plain: cluster, infer constraints and goals, backchain (paper, section III).
 
 Kept beside ours as `--method paper`. Where the paper is silent it does what the authors' code was measured to do:
-see learner.parameters.PaperParameters. Known to fail in ways that learner.treewright repairs.
+see PaperParameters. Known to fail in ways that learner.treewright repairs.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from learner.model.condition import GripperState
 from learner.model.tree import fallback
 from learner.paper.backchaining import Operator, Plan, Planner
 from learner.paper.constraints import goals, guards
-from learner.parameters import PaperParameters, Parameters
+from learner.paper.parameters import PaperParameters
+from learner.parameters import Parameters
 from learner.planning.rounding import rounded_pose, rounded_vector
 from learner.planning.synthesis import main_id
 

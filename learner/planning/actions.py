@@ -11,8 +11,8 @@ from learner.inference.moves import Move
 from learner.inference.targets import Target
 from learner.model import DemonstratedAction, Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
 from learner.model.demonstration import Symmetry
-from learner.parameters import Parameters
 from learner.planning.grasps import Upright
+from learner.planning.parameters import PlanningParameters
 from learner.planning.rounding import rounded, rounded_pose, rounded_vector
 from learner.planning.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
 
@@ -30,7 +30,7 @@ class Executables:
         demonstrations: Sequence[Demonstration],
         moves: Sequence[Move],
         targets: Sequence[Target],
-        parameters: Parameters,
+        parameters: PlanningParameters,
     ) -> None:
         self.parameters, self.moves, self.demonstrations = parameters, moves, demonstrations
         self.scene = scene_of(demonstrations)

@@ -13,8 +13,8 @@ from learner.inference.understanding import Understanding
 from learner.model import Drop, InGripper, Node, Place, Tree
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.model.tree import fallback, leaf, sequence
-from learner.parameters import Parameters
 from learner.planning.actions import Executables
+from learner.planning.parameters import PlanningParameters
 from learner.planning.recovery import Recovery
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.synthesis import main_id, tree_of
@@ -27,7 +27,7 @@ class Plan:
     """
 
     understood: Understanding
-    parameters: Parameters
+    parameters: PlanningParameters
     without: Mapping[str, Understanding | None]
 
     def tree(self, repairs: Repairs = NOTHING) -> Tree:

@@ -38,7 +38,7 @@ def tried(learned: Learned, demonstrations: Sequence[Demonstration], parameters:
     """
     base_frame = demonstrations[0].base_frame
     try:
-        plan = learned.plan or Plan(understand(demonstrations, parameters), parameters, {})
+        plan = learned.plan or Plan(understand(demonstrations, parameters.inference), parameters.planning, {})
     except NothingLearnedError as error:
         told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
         return proven(replace(learned, report={**learned.report, **told}), base_frame)

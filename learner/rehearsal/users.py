@@ -55,7 +55,7 @@ def _alone(user: str, plan: Plan) -> Understanding | None:
     """What a user's own demonstrations mean; None if they mean nothing."""
     mine = [demonstration for demonstration in plan.understood.demonstrations if demonstration.user == user]
     try:
-        return understand(mine, plan.parameters)
+        return understand(mine, plan.understood.parameters)
     except NothingLearnedError:
         return None
 

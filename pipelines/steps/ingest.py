@@ -16,9 +16,9 @@ from typing import Any, Final
 
 from learner.errors import LearnerError
 from learner.inference.labels import doubts
+from learner.inference.parameters import InferenceParameters
 from learner.model import Demonstration
 from learner.observation import observe
-from learner.parameters import Parameters
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from recorder.errors import RecorderError
@@ -84,7 +84,7 @@ class Harvest:
 
 def doubts_about(demonstration: Demonstration) -> list[str]:
     """Where an operator's label does not fit what was seen, with the evidence."""
-    return list(doubts(demonstration, Parameters()))
+    return list(doubts(demonstration, InferenceParameters()))
 
 
 def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> Harvest:

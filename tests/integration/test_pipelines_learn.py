@@ -76,7 +76,7 @@ def test_the_manifest_tells_what_the_tree_was_learned_from(home: Home, capsys: p
     digests = {o["demonstration_id"]: o["sha256"] for o in manifest["lineage"]["demonstrations"]}
     assert digests == {name: sha256 for sha256, name in Lake(home.lake).known().items()}
     assert manifest["lineage"]["code"] == code_version()
-    assert manifest["lineage"]["parameters"]["min_samples"] == 3
+    assert manifest["lineage"]["parameters"]["inference"]["min_samples"] == 3
     assert manifest["metrics"]["demonstrations"] == 3
     assert manifest["scene_known"] is False
     assert any("objects are points" in note for note in manifest["notes"])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from support_demonstrations import BASE, ON_TOP, TABLE_M, Put, Script, at, scattered, scripted
 
+from learner.inference.parameters import InferenceParameters
 from learner.inference.understanding import Understanding, understand
 from learner.learning import learn
 from learner.model import Demonstration, Pose
-from learner.parameters import Parameters
 
 AT_BOX, THERE = Put("B", "box", (0.0, 0.14, 0.0)), Put("A", "box", (0.14, 0.0, 0.0))
 TWICE: Script = [AT_BOX, THERE, Put("B", "A", ON_TOP), AT_BOX]
@@ -31,7 +31,7 @@ def samples_by_context(understood: Understanding) -> list[tuple[int, int]]:
 
 def test_what_is_reached_once_is_matched_with_the_time_that_it_fits() -> None:
     without_first = five(2, TWICE, TWICE[1:])
-    assert samples_by_context(understand(without_first, Parameters())) == [(0, 4), (1, 5)]
+    assert samples_by_context(understand(without_first, InferenceParameters())) == [(0, 4), (1, 5)]
     learned = learn(without_first)
     assert len(learned.report["groups"]) == 1
     assert learned.tree.nodes == learn(five(9, TWICE, TWICE)).tree.nodes
@@ -39,7 +39,7 @@ def test_what_is_reached_once_is_matched_with_the_time_that_it_fits() -> None:
 
 def test_one_demonstration_that_does_it_twice_makes_no_second_context() -> None:
     once: Script = [AT_BOX, THERE]
-    understood = understand(five(2, once, TWICE[1:]), Parameters())
+    understood = understand(five(2, once, TWICE[1:]), InferenceParameters())
     assert samples_by_context(understood) == [(0, 5)]
     assert len(understood.groups) == 1
 
@@ -49,7 +49,7 @@ def test_what_stands_upon_an_object_is_told_in_its_frame_though_another_is_rigid
     for seed in range(8):
         rng = np.random.default_rng(seed)
         shown = [scripted(scattered(["A", "B", "box"], rng), script, f"d{n}", rng=rng) for n in range(3)]
-        (target,) = (t for t in understand(shown, Parameters()).targets if t.object == "B")
+        (target,) = (t for t in understand(shown, InferenceParameters()).targets if t.object == "B")
         assert target.frame == "A"
         assert target.tied == {"box"}
         assert target.certainty > 0.95
@@ -67,7 +67,7 @@ def test_what_was_moved_on_fixes_nothing_any_more() -> None:
     for number in range(3):
         start = {**scattered(["A", "B", "C"], rng), "box": at(0.6, -0.2)}
         shown.append(scripted(start, script, f"d{number}", rng=rng))
-    (target,) = (t for t in understand(shown, Parameters()).targets if t.object == "A")
+    (target,) = (t for t in understand(shown, InferenceParameters()).targets if t.object == "A")
     assert BASE not in target.tied
     assert target.certainty < 0.95
     (question,) = (q for q in learn(shown).report["questions"] if q["action"] == "place A")
@@ -95,7 +95,7 @@ def test_goals_of_which_none_is_shared_by_enough_are_all_kept() -> None:
     rng = np.random.default_rng(6)
     starts = [scattered(["A", "B", "box"], rng, apart_m=0.25) for _ in range(2)]
     shown = [scripted(start, [ASIDE[n]], f"d{n}", rng=rng) for n, start in enumerate(starts)]
-    assert len(understand(shown, Parameters()).groups) == 2
+    assert len(understand(shown, InferenceParameters()).groups) == 2
 
 
 def test_a_last_move_that_happens_to_be_short_is_part_of_the_task() -> None:
@@ -105,7 +105,7 @@ def test_a_last_move_that_happens_to_be_short_is_part_of_the_task() -> None:
         if number == 1:
             start["box"] = at(0.4, -0.01)
         shown.append(scripted(start, ASIDE, f"d{number}", rng=rng))
-    understood = understand(shown, Parameters())
+    understood = understand(shown, InferenceParameters())
     assert {(t.frame, len(t.members)) for t in understood.targets if t.object == "A"} == {("box", 4), (BASE, 4)}
     assert len(understood.groups) == 1
 
@@ -116,7 +116,7 @@ def test_of_frames_that_the_task_keeps_rigid_the_likelier_is_chosen() -> None:
     for seed in range(30):
         rng = np.random.default_rng(seed)
         shown = [scripted(scattered(["A", "B"], rng), script, f"d{n}", rng=rng, hand_m=0.004) for n in range(3)]
-        (target,) = (t for t in understand(shown, Parameters()).targets if t.object == "B")
+        (target,) = (t for t in understand(shown, InferenceParameters()).targets if t.object == "B")
         assert target.tied | {target.frame} == {"A", BASE}
         assert target.frames[target.frame] == max(target.frames.values())
         chosen.add(target.frame)

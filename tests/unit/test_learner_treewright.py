@@ -12,13 +12,14 @@ from support_demonstrations import BASE, GRASP, ON_TOP, Put, Script, Shove, Take
 from support_pose_world import PoseWorld, done
 
 from learner.inference.moves import moves_of
+from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import TargetFinder
 from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, Node, ObjectShape, Pose, Scene
 from learner.model.demonstration import Symmetry
 from learner.model.pose import angle_between
-from learner.parameters import Parameters
+from learner.planning.parameters import PlanningParameters
 
 NAMES = ["A", "B", "box"]
 A_IN_BOX, B_IN_BOX = Put("A", "box", (0.0, 0.0, 0.0)), Put("B", "box", (0.1, 0.0, 0.0))
@@ -270,7 +271,7 @@ def random_set(rng: np.random.Generator) -> tuple[str, list[Demonstration]]:
 
 
 def test_frames_called_certain_are_right_as_often_as_they_are_called() -> None:
-    rng, parameters = np.random.default_rng(11), Parameters()
+    rng, parameters = np.random.default_rng(11), InferenceParameters()
     right: list[bool] = []
     for _ in range(300):
         true, demonstrations = random_set(rng)
@@ -321,11 +322,11 @@ def test_what_stands_upon_another_object_is_not_in_its_place_even_after_one_demo
 def test_a_radius_is_never_below_the_least_however_low_the_objects_are() -> None:
     card = ObjectShape((0.05, 0.05, 0.01))
     found = learn(shown([Put("B", "base", (0.4, 0.2, 0.0))], scene=Scene({"A": card, "B": card})))
-    assert radii(found) == [Parameters().least_radius_m]
+    assert radii(found) == [PlanningParameters().least_radius_m]
 
 
 def test_tight_rests_leave_room_for_the_noise_of_perception() -> None:
-    assert Parameters().noise_radius_m <= radii(learn(shown([A_IN_BOX], count=6)))[0] < 0.05
+    assert PlanningParameters().noise_radius_m <= radii(learn(shown([A_IN_BOX], count=6)))[0] < 0.05
 
 
 def test_radii_follow_the_spread_and_never_exceed_the_papers() -> None:

@@ -81,14 +81,14 @@ def demonstrations_of(name: str) -> tuple[Demonstration, ...]:
 @cache
 def setting(name: str) -> tuple[Stage, Plan, list[Goal]]:
     demonstrations = demonstrations_of(name)
-    stage, plan = Stage(demonstrations), Plan(understand(demonstrations, PARAMETERS), PARAMETERS, {})
+    stage, plan = Stage(demonstrations), Plan(understand(demonstrations, PARAMETERS.inference), PARAMETERS.planning, {})
     return stage, plan, goals_of(plan.understood.groups, plan.placements, stage)
 
 
 def tried(name: str, **weakness: bool | float) -> list[Attempt]:
     """The attempts at repairing a tree that is weakened on purpose."""
     stage, plan, goals = setting(name)
-    weak = Weakened(plan.understood, PARAMETERS, {}, **weakness)  # type: ignore[arg-type]  # by name
+    weak = Weakened(plan.understood, PARAMETERS.planning, {}, **weakness)  # type: ignore[arg-type]  # by name
     lessons = Lessons(weak.placements, weak.nearest_m, weak.orders, goals, stage.bodies)
     return attempts(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals), lessons.of)
 
@@ -138,7 +138,7 @@ def test_success_that_the_truth_does_not_bear_out_is_a_false_success() -> None:
     stage, plan, goals = setting("tower_and_box")
     group = plan.understood.groups[0]
     shorter = replace(plan.understood, groups=(replace(group, steps=group.steps[:-1]),))
-    rehearsal = rehearse(Plan(shorter, PARAMETERS, {}).tree(), stage, goals)
+    rehearsal = rehearse(Plan(shorter, PARAMETERS.planning, {}).tree(), stage, goals)
     assert {outcome.verdict for outcome in rehearsal.outcomes if outcome.rollout.kind == "shown"} == {"false success"}
     assert rehearsal.to_data()["false_successes"] > 0
 
