@@ -12,6 +12,8 @@ from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 class PlanningParameters:
     """How grasps, placements and their radii are made."""
 
+    levels: int = 5
+    """So many objects upon one are taken down."""
     min_samples: int = 3
     """So many grasps or rests tell their own mean and spread (paper, section III-E)."""
     place_radius_m: float = PLACE_RADIUS_M

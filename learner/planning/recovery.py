@@ -36,8 +36,6 @@ SPOTS = 6
 """So many spots are tried for what is put aside."""
 INNER = 0.75
 """They are among this share of the places where objects have lain, those furthest inside."""
-LEVELS = 5
-"""So many objects upon one are taken down."""
 MERGED_M = 0.015
 """Heights of piles that differ by less are looked for at their mean ..."""
 MIXED_RADIUS_M = 0.025
@@ -243,6 +241,7 @@ class Recovery:
         if scene is None:
             upon = {(target.object, *target.upon) for target in self.targets if target.upon}
             return [Cover(x, o, rounded_vector(at), COVER_RADIUS_M) for x, o, at in sorted(upon)]
+        levels = self.actions.parameters.levels
         known = [name for name in self.picks if name in scene.objects]
         heights = {name: self._upright(name).height_m for name in known}
         covers = [
@@ -250,7 +249,7 @@ class Recovery:
             for o in known
             for x in known
             if x != o
-            for between_m in _sums([heights[other] for other in known if other not in (x, o)])
+            for between_m in _sums([heights[other] for other in known if other not in (x, o)], levels)
         ]
         mixed = max(heights.values(), default=0.0) - min(heights.values(), default=0.0) > EDGE_M
         return [self._cover(*cover, mixed) for cover in sorted(covers, key=lambda cover: -cover[0])]
@@ -424,9 +423,9 @@ class Recovery:
         return replace(template, ports=tuple(sorted({**dict(template.ports), "position": f"{{{port}}}"}.items())))
 
 
-def _sums(heights_m: Sequence[float]) -> list[float]:
-    """How high [m] none to LEVELS - 1 things of these heights may be upon each other; near sums count as one."""
-    sums = sorted({round(sum(some), 3) for n in range(1, LEVELS) for some in combinations(heights_m, n)})
+def _sums(heights_m: Sequence[float], levels: int) -> list[float]:
+    """How high [m] none to `levels` - 1 things of these heights may be upon each other; near sums count as one."""
+    sums = sorted({round(sum(some), 3) for n in range(1, levels) for some in combinations(heights_m, n)})
     merged: list[list[float]] = []
     for total in sums:
         if merged and total - merged[-1][0] < MERGED_M:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from learner.model import Node, Pose
 from learner.model.names import NONE
 from learner.model.pose import Vector
-from learner.planning.recovery import LEVELS
+from learner.proof.parameters import ProofParameters
 
 AWAY: Final = 0
 HELD: Final = 1
@@ -122,8 +122,8 @@ class Layout:
 class AbstractWorld:
     """The world of some trees' conditions: its objects, their places, and what each leaf does to many states."""
 
-    def __init__(self, base_frame: str, *roots: Node) -> None:
-        self.base_frame = base_frame
+    def __init__(self, base_frame: str, *roots: Node, parameters: ProofParameters | None = None) -> None:
+        self.base_frame, self.parameters = base_frame, parameters or ProofParameters()
         leaves = list(dict.fromkeys(node for root in roots for node in root.walk() if not node.children))
         self.grasps = {str(n.port("object")): _pose(n) for n in leaves if n.kind == "Pick"}
         self.objects = sorted({str(n.port("object")) for n in leaves if "object" in dict(n.ports)} - {NONE})
@@ -212,13 +212,14 @@ class AbstractWorld:
             flat_roots[pending] = onward[goes_on]
         return Layout(roots, offsets)
 
-    def states(self, rng: np.random.Generator, exhaustive: int, sampled: int) -> tuple[States, bool]:
-        """All states that can be, sorted, and True; or, if there are more than `exhaustive`, so many drawn at random.
+    def states(self, rng: np.random.Generator) -> tuple[States, bool]:
+        """All states that can be, sorted, and True; or, if there are too many (`parameters`), some of them at random.
 
         Possible is: at most one object held, by a closed gripper and with nothing lying in its frame; none rests on
         itself or within another; what is high above the object of its frame, or beside one that lies upon another,
         has something beneath it; no pile is higher than recovery takes down (see `left_out`).
         """
+        exhaustive, sampled = self.parameters.exhaustive, self.parameters.sampled
         partial, whole = States(np.zeros((len(self.objects), 1), np.int16), np.ones(1, bool)), True
         for a in range(len(self.objects)):
             share = self._share(partial, a, exhaustive if whole else 2 * sampled, 4 * sampled, rng)
@@ -275,8 +276,8 @@ class AbstractWorld:
     def _apart(self, a: int, states: States) -> Bools:
         """In which states none of the first objects up to a are within another, and no pile is too high."""
         layout = self.layout(states)
-        fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= LEVELS
-        self.left_out = self.left_out if fits.all() else f"piles of more than {LEVELS + 1} objects"
+        fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= self.parameters.levels
+        self.left_out = self.left_out if fits.all() else f"piles of more than {self.parameters.levels + 1} objects"
         for b, c in combinations([number for number in self.movable if number <= a], 2):
             fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], OVERLAP_M)
         return np.asarray(fits)

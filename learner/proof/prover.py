@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from learner.model import Node, Tree
 from learner.model.tree import ACTIONS, CONDITIONS, FALLBACKS, SEQUENCES
 from learner.proof.abstract_world import FIRST_PLACE, AbstractWorld, Bools, Ints, Place, States
+from learner.proof.parameters import ProofParameters
 
 FAILURE, RUNNING, SUCCESS = np.int8(0), np.int8(1), np.int8(2)
 NOTHING: Final = -1
-EXHAUSTIVE: Final = 1_000_000
-SAMPLED: Final = 100_000
 NOT_TO_THE_GOAL = "never to the goal"
 
 
@@ -171,19 +170,18 @@ def prove(
     base_frame: str,
     rng: np.random.Generator,
     task: Node | None = None,
-    exhaustive: int = EXHAUSTIVE,
-    sampled: int = SAMPLED,
+    parameters: ProofParameters | None = None,
     at_once: bool = True,
 ) -> Certificate:
-    """Check a tree from every abstract state, or, where there are more than `exhaustive`, from `sampled` of them.
+    """Check a tree from every abstract state, or, where there are too many (`parameters`), from some of them.
 
     States that are only reached from others are checked with them. The tree is taken at its word that its SUCCESS is
     the goal, unless `task` is given: a node that, ticked, says SUCCESS where the task is done. Then the tree may say so
     only there; and, if `at_once`, must.
     """
     root = tree.flattened()
-    world = AbstractWorld(base_frame, *([root, task] if task else [root]))
-    return Arena(world, rng, exhaustive, sampled).prove(root, task, at_once)
+    world = AbstractWorld(base_frame, *([root, task] if task else [root]), parameters=parameters)
+    return Arena(world, rng).prove(root, task, at_once)
 
 
 class Arena:
@@ -193,11 +191,9 @@ class Arena:
         self,
         world: AbstractWorld,
         rng: np.random.Generator,
-        exhaustive: int = EXHAUSTIVE,
-        sampled: int = SAMPLED,
     ) -> None:
         self.world = world
-        self.starts, self.whole = world.states(rng, exhaustive, sampled)
+        self.starts, self.whole = world.states(rng)
 
     def among(self, starts: States) -> Arena:
         """The same world with only some of its states to begin from."""

@@ -16,6 +16,7 @@ from learner.model import Demonstration, Tree
 from learner.parameters import Parameters
 from learner.planning.draft import Plan
 from learner.planning.repairs import NOTHING, Repairs
+from learner.proof.parameters import ProofParameters
 from learner.proof.prover import Certificate, prove
 from learner.rehearsal.arm_replay import Replay, replay
 from learner.rehearsal.goal import goals_of
@@ -126,7 +127,8 @@ class _Trial:
 def _certificate(tree: Tree, base_frame: str, plan: Plan | None) -> Certificate:
     """The proof that the tree reaches what it says, and, where there is a plan, that this is the plan's goal."""
     goal = plan.goal if plan else None
-    return prove(tree, base_frame, np.random.default_rng(0), goal, at_once=False)
+    looks = ProofParameters(levels=plan.parameters.levels) if plan else ProofParameters()
+    return prove(tree, base_frame, np.random.default_rng(0), goal, looks, at_once=False)
 
 
 def _unproven(certificate: Certificate) -> tuple[str, ...]:

@@ -21,6 +21,42 @@ MAY_IMPORT = {
 HOMES = {"pybullet": "learner/simulation/", "pybullet_data": "learner/simulation/", "prefect": "pipelines/flows/"}
 IO = {"zenoh", "mcap", "pyarrow", "deltalake", "sqlalchemy", "fastapi", "uvicorn", "prefect", "socket", "requests"}
 
+ORDER = {
+    "learner": (
+        "errors",
+        "model",
+        "numbers",
+        "observation execution",
+        "inference",
+        "planning proof",
+        "simulation",
+        "learned",
+        "paper",
+        "rehearsal",
+        "treewright",
+        "learning",
+    ),
+    "pipelines": (
+        "errors",
+        "console home reference network",
+        "steps controller simulated_cell",
+        "service",
+        "flows demo",
+        "commands",
+        "cli",
+    ),
+}
+"""The rooms of a package, each line above all that may import it; of one line none imports another. `numbers` are the
+parameters, which each folder tells and `learner.parameters` gathers."""
+MOST_FILES = 18
+
+
+def room_of(parts: tuple[str, ...]) -> str:
+    """The room of a module: the folder in the package, or the module beside the folders."""
+    if parts[0] == "learner" and parts[-1] == "parameters":
+        return "numbers"
+    return parts[0] if len(parts) == 1 or parts[1] == "__init__" else parts[1]
+
 
 def modules(package: str) -> Iterator[Path]:
     yield from sorted((ROOT / package).rglob("*.py"))
@@ -36,6 +72,20 @@ def imported(file: Path) -> set[str]:
             assert node.level == 0, f"{file} imports relatively"
             names.add(str(node.module))
     return names
+
+
+def imported_at_run_time(file: Path) -> set[str]:
+    """As `imported`, without what stands under `if TYPE_CHECKING`."""
+    tree = ast.parse(file.read_text())
+    skipped = {
+        inner
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+    }
+    return {
+        str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node not in skipped
+    }  # fmt: skip
 
 
 def tops(file: Path) -> set[str]:
@@ -57,6 +107,45 @@ def test_the_words_need_numpy_and_the_standard_library_alone() -> None:
     inner = {name for file in modules("learner/model") for name in imported(file) if name.startswith("learner")}
     assert {str(file): found for file in modules("learner/model") if (found := tops(file) - allowed)} == {}
     assert {name for name in inner if not name.startswith(("learner.model", "learner.errors"))} == set()
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_rooms_import_only_what_stands_before_them(package: str) -> None:
+    ranks = {room: rank for rank, rooms in enumerate(ORDER[package]) for room in rooms.split()}
+    assert {room_of(file.relative_to(ROOT).with_suffix("").parts) for file in modules(package)} <= {*ranks, package}
+    backward = {
+        f"{file.relative_to(ROOT)} imports {name}"
+        for file in modules(package)
+        for name in imported(file)
+        if name.startswith(f"{package}.")
+        for here, there in [(room_of(file.relative_to(ROOT).with_suffix("").parts), room_of(tuple(name.split("."))))]
+        if here != package and here != there and ranks[there] >= ranks[here]
+    }
+    assert backward == set()
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    """What is imported inside a function counts; what only a type checker reads does not."""
+    files = {".".join(file.relative_to(ROOT).with_suffix("").parts): file for p in PACKAGES for file in modules(p)}
+    arrows = {name: imported_at_run_time(file) & set(files) for name, file in files.items()}
+    left = dict(arrows)
+    while free := [name for name, towards in left.items() if not towards & set(left)]:
+        for name in free:
+            del left[name]
+    assert left == {}
+
+
+def test_no_folder_is_too_full_to_be_read_in_one_look() -> None:
+    counts = {
+        folder: len(list(folder.glob("*.py"))) for p in PACKAGES for folder in [ROOT / p, *(ROOT / p).rglob("*/")]
+    }
+    assert {str(folder): count for folder, count in counts.items() if count > MOST_FILES} == {}
+
+
+def test_a_checker_does_not_import_what_it_checks() -> None:
+    checked = ("learner.planning", "learner.inference", "learner.paper", "learner.rehearsal")
+    names = {name for file in modules("learner/proof") for name in imported(file)}
+    assert {name for name in names if name.startswith(checked)} == set()
 
 
 @pytest.mark.parametrize("library", HOMES)

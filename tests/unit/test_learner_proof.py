@@ -17,6 +17,7 @@ from learner.model import Definition, Drop, GripperIs, InGripper, Node, ObjectRo
 from learner.model.tree import fallback, leaf, sequence
 from learner.parameters import Parameters
 from learner.proof.abstract_world import AbstractWorld
+from learner.proof.parameters import ProofParameters
 from learner.proof.prover import Keys, prove
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
@@ -73,7 +74,8 @@ def test_beyond_the_limit_a_seeded_sample_is_checked_and_the_certificate_says_so
     scenario = SCENARIOS["tower_and_box"]
     tree = learn(demonstrated(scenario, scenario.least, 31)).tree
     whole = prove(tree, "base", np.random.default_rng(0))
-    samples = [prove(tree, "base", np.random.default_rng(0), exhaustive=100, sampled=50) for _ in range(2)]
+    few = ProofParameters(exhaustive=100, sampled=50)
+    samples = [prove(tree, "base", np.random.default_rng(0), parameters=few) for _ in range(2)]
     assert samples[0] == samples[1]
     assert whole.bound is not None
     assert samples[0].bound is not None
@@ -83,9 +85,11 @@ def test_beyond_the_limit_a_seeded_sample_is_checked_and_the_certificate_says_so
 
 def test_a_sample_is_of_different_states_that_are_all_possible() -> None:
     scenario = SCENARIOS["towers"]
-    world = AbstractWorld("base", learn(demonstrated(scenario, scenario.least, 31)).tree.flattened())
-    whole, every = world.states(np.random.default_rng(0), 10**6, 10**5)
-    some, rest = world.states(np.random.default_rng(0), 5000, 1000)
+    root = learn(demonstrated(scenario, scenario.least, 31)).tree.flattened()
+    world = AbstractWorld("base", root)
+    whole, every = world.states(np.random.default_rng(0))
+    few = AbstractWorld("base", root, parameters=ProofParameters(exhaustive=5000, sampled=1000))
+    some, rest = few.states(np.random.default_rng(0))
     keys = Keys(world)
     assert (every, rest) == (True, False)
     assert len(whole) > 5000
