@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from learner.model import Tree
 
-if TYPE_CHECKING:  # the plan is only named here
-    from learner.planning.draft import Plan
+if TYPE_CHECKING:  # the draft is only named here
+    from learner.planning.draft import Draft
 
 
 @dataclass(frozen=True)
@@ -20,5 +20,5 @@ class Learned:
     notes: tuple[str, ...]
     certificate: dict[str, Any] | None = None
     """What was proven of the tree: see learner.proof.prover.Certificate."""
-    plan: Plan | None = field(default=None, repr=False, compare=False)
+    draft: Draft | None = field(default=None, repr=False, compare=False)
     """Where the method can make the tree again with repairs: from what."""

@@ -15,7 +15,7 @@ from learner.inference.users import agreement, understood_without
 from learner.learned import Learned
 from learner.model import Demonstration
 from learner.parameters import Parameters
-from learner.planning.draft import Plan
+from learner.planning.draft import Draft
 
 _REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
 
@@ -23,11 +23,11 @@ _REASONS = {True: "was put back", False: "was put where others do not put it, or
 def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
     """The tree of our method, with what is not known. Raises NothingLearnedError if nothing was moved."""
     understood = understand(demonstrations, parameters.inference)
-    plan = Plan(understood, parameters.planning, understood_without(understood))
+    draft = Draft(understood, parameters.planning, understood_without(understood))
     asked = questions(demonstrations, understood.targets, parameters.inference)
-    users = agreement(understood, plan.without)
+    users = agreement(understood, draft.without)
     report, notes = _report(understood, asked, users), _notes(understood, asked, users)
-    return Learned(plan.tree(), report, notes, plan=plan)
+    return Learned(draft.tree(), report, notes, draft=draft)
 
 
 def _notes(
@@ -79,7 +79,7 @@ def _report(
         "groups": [
             {
                 "demonstrations": [ids[number] for number in group.demonstrations],
-                "goal": [f"{step.target.object} at {step.target.frame}" for step in group.steps],
+                "goal": [f"{subgoal.target.object} at {subgoal.target.frame}" for subgoal in group.subgoals],
             }
             for group in understood.groups
         ],

@@ -21,11 +21,11 @@ Chain = Sequence[Target]
 
 
 @dataclass(frozen=True)
-class Step:
-    """A target to reach, and the guards: steps whose targets must hold while it is pursued."""
+class Subgoal:
+    """A target to reach, and the guards: subgoals whose targets must hold while it is pursued."""
 
     target: Target
-    guards: tuple[Step, ...] = ()
+    guards: tuple[Subgoal, ...] = ()
 
     def targets(self) -> list[Target]:
         """Every target in it, guards first."""
@@ -34,16 +34,16 @@ class Step:
 
 @dataclass(frozen=True)
 class Group:
-    """Demonstrations with one goal: the steps in order, and what the gripper holds at the end (None: nothing)."""
+    """Demonstrations with one goal: the subgoals in order, and what the gripper holds at the end (None: nothing)."""
 
     demonstrations: tuple[int, ...]
-    steps: tuple[Step, ...]
+    subgoals: tuple[Subgoal, ...]
     held: str | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
     def goal(self) -> frozenset[Target]:
-        return frozenset(step.target for step in self.steps)
+        return frozenset(subgoal.target for subgoal in self.subgoals)
 
 
 def final_targets(chain: Chain) -> dict[str, Target]:
@@ -84,15 +84,15 @@ def _rank(target: Target, chains: Sequence[Chain]) -> tuple[float, str, tuple[in
     return (float(np.mean(places)) if places else 0.0, target.object, target.members)
 
 
-def steps_of(sequence: Sequence[Target]) -> tuple[tuple[Step, ...], list[Target]]:
-    """The goal's steps in the order of a sequence of targets, and the targets that guard nothing.
+def subgoals_of(sequence: Sequence[Target]) -> tuple[tuple[Subgoal, ...], list[Target]]:
+    """The goal's subgoals in the order of a sequence of targets, and the targets that guard nothing.
 
     A target that its object leaves again is a guard of the next goal after it, if it still holds when that is
-    reached, else of the next step before that goal for which it holds (paper, section III-D: constraints become
-    preconditions; a constraint that an earlier step has just established is not repeated).
+    reached, else of the next subgoal before that goal for which it holds (paper, section III-D: constraints become
+    preconditions; a constraint that an earlier subgoal has just established is not repeated).
     """
     last = {target.object: place for place, target in enumerate(sequence)}
-    steps: list[Step] = []
+    subgoals: list[Subgoal] = []
     idle: list[Target] = []
     segment: list[int] = []
     for place, target in enumerate(sequence):
@@ -100,13 +100,13 @@ def steps_of(sequence: Sequence[Target]) -> tuple[tuple[Step, ...], list[Target]
             segment.append(place)
             continue
         guards, left = _guards(place, segment, sequence)
-        steps.append(Step(target, guards))
+        subgoals.append(Subgoal(target, guards))
         idle += [sequence[other] for other in left]
         segment = []
-    return tuple(steps), idle
+    return tuple(subgoals), idle
 
 
-def _guards(place: int, segment: Sequence[int], sequence: Sequence[Target]) -> tuple[tuple[Step, ...], list[int]]:
+def _guards(place: int, segment: Sequence[int], sequence: Sequence[Target]) -> tuple[tuple[Subgoal, ...], list[int]]:
     """The guards of the target at `place` among the places of a segment before it, and the places left over."""
     in_force = [other for other in segment if place < _left_at(other, sequence)]
     others = [other for other in segment if other not in in_force]
@@ -115,7 +115,7 @@ def _guards(place: int, segment: Sequence[int], sequence: Sequence[Target]) -> t
         earlier = [item for item in others if item < other]
         nested, others_left = _guards(other, earlier, sequence)
         others = [item for item in others if item > other or item in others_left]
-        guards.append(Step(sequence[other], nested))
+        guards.append(Subgoal(sequence[other], nested))
     return tuple(guards), others
 
 
@@ -177,7 +177,7 @@ def _group(
 ) -> Group:  # fmt: skip
     counts = Counter(target for number in members for target in set(chains[number]) - goal)
     usual = [target for target, count in counts.items() if 2 * count > len(members)]
-    steps, idle = steps_of(ordered([*goal, *usual], [chains[number] for number in members]))
+    subgoals, idle = subgoals_of(ordered([*goal, *usual], [chains[number] for number in members]))
     notes = [f"placing {t.object} in {t.frame} only on the way is of no effect and left out" for t in idle]
     for number in members:
         missing = sorted(t.object for t in goal - reached[number])
@@ -185,4 +185,4 @@ def _group(
             name = demonstrations[number].demonstration_id
             notes.append(f"demonstration {name} did not place {', '.join(missing)}; the goal of the others stands")
     kept = Counter(held[number] for number in members if number in held).most_common(1)
-    return Group(members, steps, kept[0][0] if kept and 2 * kept[0][1] > len(members) else None, tuple(notes))
+    return Group(members, subgoals, kept[0][0] if kept and 2 * kept[0][1] > len(members) else None, tuple(notes))

@@ -49,7 +49,7 @@ class Operator:
 
 
 @dataclass(frozen=True)
-class Plan:
+class PlannedTree:
     """A tree, and whether it reached its goal in the planner's simulator."""
 
     root: Node
@@ -101,7 +101,7 @@ class Planner:
         self.expanded = self.by_design = False
         self.moved: set[frozenset[int]] = set()
 
-    def plan(self) -> Plan:
+    def plan(self) -> PlannedTree:
         """The tree after the last run: the first in which nothing was expanded, since all others would be like it."""
         reached = False
         for _ in range(self.rollouts):
@@ -109,7 +109,7 @@ class Planner:
             reached = self._run()
             if not self.expanded:
                 break
-        return Plan(self.root.node(), reached)
+        return PlannedTree(self.root.node(), reached)
 
     def _run(self) -> bool:
         """Tick from the beginning until the tree succeeds; false after too many ticks."""

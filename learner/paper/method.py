@@ -18,7 +18,7 @@ from learner.learned import Learned
 from learner.model import Action, Definition, Demonstration, Drop, Pick, Place, SetGripper, Tree
 from learner.model.condition import GripperState
 from learner.model.tree import fallback
-from learner.paper.backchaining import Operator, Plan, Planner
+from learner.paper.backchaining import Operator, PlannedTree, Planner
 from learner.paper.constraints import goals, guards
 from learner.paper.parameters import PaperParameters
 from learner.parameters import Parameters
@@ -137,7 +137,9 @@ def _groups(
     return sorted(groups.values(), key=lambda group: -len(group))
 
 
-def _plan(group: Sequence[Sequence[Identity]], actions: dict[Identity, Action], numbers: PaperParameters) -> Plan:
+def _plan(
+    group: Sequence[Sequence[Identity]], actions: dict[Identity, Action], numbers: PaperParameters
+) -> PlannedTree:
     """The planner's tree for one group; its operators come in the order in which they were demonstrated."""
     used = dict.fromkeys(key for sequence in group for key in sequence)
     costs = {Pick: numbers.pick_cost, Place: numbers.place_cost, Drop: numbers.place_cost}

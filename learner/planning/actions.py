@@ -22,7 +22,7 @@ RELEASE_CLEARANCE_M = 0.005
 """How far above its rest an object is let go where the operator's label of a drop was corrected to a placement."""
 
 
-class Executables:
+class LearnedActions:
     """The actions of a task: `grasps` in each object's own frame, `placements` by target."""
 
     def __init__(

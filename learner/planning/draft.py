@@ -1,4 +1,4 @@
-"""A plan: what was understood, from which our method makes the tree, once more for each repair."""
+"""A draft: what was understood, from which our method makes the tree, once more for each repair."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from learner.inference.goals import Group, Step
+from learner.inference.goals import Group, Subgoal
 from learner.inference.targets import Target
 from learner.inference.understanding import Understanding
 from learner.model import Drop, InGripper, Node, Place, Tree
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.model.tree import fallback, leaf, sequence
-from learner.planning.actions import Executables
+from learner.planning.actions import LearnedActions
 from learner.planning.parameters import PlanningParameters
 from learner.planning.recovery import Recovery
 from learner.planning.repairs import NOTHING, Repairs
@@ -21,7 +21,7 @@ from learner.planning.synthesis import main_id, tree_of
 
 
 @dataclass(frozen=True)
-class Plan:
+class Draft:
     """`understood` is what all demonstrations mean, `without` for each of several users what those of the others mean
     (None where they are too few, or mean nothing).
     """
@@ -37,7 +37,7 @@ class Plan:
         actions.placements.update(
             {target: replace(actions.placements[target], radius=radius) for target, radius in repairs.radii}
         )
-        groups = [replace(group, steps=in_order(group, repairs)) for group in understood.groups]
+        groups = [replace(group, subgoals=in_order(group, repairs)) for group in understood.groups]
         recovery = Recovery(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
 
@@ -63,23 +63,23 @@ class Plan:
         widest = {Place: PLACE_RADIUS_M, Drop: DROP_RADIUS_M}
         ways = []
         for group in self.understood.groups:
-            reached = [self.placements[step.target] for step in group.steps]
+            reached = [self.placements[subgoal.target] for subgoal in group.subgoals]
             relations = [leaf(replace(place.achieves, radius=widest[type(place)])) for place in reached]
             ways.append(sequence(*relations, *([leaf(InGripper(group.held))] if group.held else [])))
         return fallback(*ways)
 
     def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
         """The goals of each group as the tree pursues them."""
-        return [[step.target for step in in_order(group, repairs)] for group in self.understood.groups]
+        return [[subgoal.target for subgoal in in_order(group, repairs)] for group in self.understood.groups]
 
     @cached_property
     def nearest_m(self) -> Mapping[Target, float]:
         """For each target the distance [m] to the nearest other one."""
         return self._actions().nearest_m
 
-    def _actions(self) -> Executables:
+    def _actions(self) -> LearnedActions:
         understood = self.understood
-        return Executables(understood.demonstrations, understood.moves, understood.targets, self.parameters)
+        return LearnedActions(understood.demonstrations, understood.moves, understood.targets, self.parameters)
 
 
 class _NoRecovery(Recovery):
@@ -101,9 +101,9 @@ class _NoRecovery(Recovery):
         return ()
 
 
-def in_order(group: Group, repairs: Repairs) -> tuple[Step, ...]:
-    """The steps, each that is to come before another moved before it; what contradicts itself stays as it is."""
-    left, found = list(group.steps), []
+def in_order(group: Group, repairs: Repairs) -> tuple[Subgoal, ...]:
+    """The subgoals, each that is to come before another moved before it; what contradicts itself stays as it is."""
+    left, found = list(group.subgoals), []
     while left:
         free = [s for s in left if not any((other.target, s.target) in repairs.before for other in left)]
         found.append((free or left)[0])

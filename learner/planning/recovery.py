@@ -13,14 +13,14 @@ from itertools import combinations
 
 import numpy as np
 
-from learner.inference.goals import Step
+from learner.inference.goals import Subgoal
 from learner.inference.targets import Target
 from learner.model import Condition, Definition, Demonstration, InGripper, Node, ObjectAt, Pick, Place, Pose, SetGripper
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, GripperIs, ObjectRoughlyAt
 from learner.model.names import distinct_identifiers
 from learner.model.pose import Array, conjugate, cross, rotate
 from learner.model.tree import RECOVERY_PREFIX, Value, fallback, leaf, sequence, subtree
-from learner.planning.actions import Executables
+from learner.planning.actions import LearnedActions
 from learner.planning.grasps import Upright, borrowed_grasp, quarter_turned
 from learner.planning.rounding import rounded, rounded_pose, rounded_vector
 
@@ -74,7 +74,7 @@ class Cover:
 
 
 class Recovery:
-    """The recovery nodes of one task: `before(step)` for the tree, and the SubTree `definitions` they use.
+    """The recovery nodes of one task: `before(subgoal)` for the tree, and the SubTree `definitions` they use.
 
     `widened` names objects that occupy the place of a target even where they stand only partly on it.
     """
@@ -82,7 +82,7 @@ class Recovery:
     def __init__(
         self,
         demonstrations: Sequence[Demonstration],
-        actions: Executables,
+        actions: LearnedActions,
         targets: Sequence[Target],
         widened: frozenset[tuple[Target, str]] = frozenset(),
     ) -> None:
@@ -100,19 +100,19 @@ class Recovery:
         """The SubTrees that the nodes given so far use."""
         return list(self._definitions.values())
 
-    def before(self, step: Step, done: Sequence[Target], instead: Sequence[Step] = ()) -> Sequence[Node]:
-        """What makes room before a step, unless it or one `instead` of it is done.
+    def before(self, subgoal: Subgoal, done: Sequence[Target], instead: Sequence[Subgoal] = ()) -> Sequence[Node]:
+        """What makes room before a subgoal, unless it or one `instead` of it is done.
 
         The place is freed, the object uncovered, the hand emptied for it.
 
         The objects of targets in `done` are known to lie where they belong, since earlier siblings have just checked
         it: they do not occupy the place, and do not cover anything unless what they rest on may itself do so.
         """
-        name, place = step.target.object, self.actions.placements[step.target]
+        name, place = subgoal.target.object, self.actions.placements[subgoal.target]
         settled = {target.object for target in done} - {name}
-        occupied = [condition for condition in self._occupations(step.target) if condition.object not in settled]
+        occupied = [condition for condition in self._occupations(subgoal.target) if condition.object not in settled]
         if self._own_target(place.frame):
-            occupied += [cover.condition for cover in self._raised(step) if cover.object not in settled]
+            occupied += [cover.condition for cover in self._raised(subgoal) if cover.object not in settled]
         grounded = self._grounded(done)
         covers = [cover for cover in self._covers_of(name) if cover.object not in grounded]
         if not occupied and not covers:
@@ -126,18 +126,20 @@ class Recovery:
         body = sequence(
             fallback(sequence(*clear), away, reactive=False), fallback(leaf(InGripper(name)), self._put_down())
         )
-        finished = [leaf(self.actions.placements[way.target].achieves) for way in (step, *instead)]
+        finished = [leaf(self.actions.placements[way.target].achieves) for way in (subgoal, *instead)]
         self._definitions[tree_id] = Definition(tree_id, fallback(*finished, body))
         return (subtree(tree_id),)
 
-    def standing(self, step: Step) -> Sequence[Node]:
-        """What moves a step's reference away where it was put wrongly, before anything is built in its frame.
+    def standing(self, subgoal: Subgoal) -> Sequence[Node]:
+        """What moves a subgoal's reference away where it was put wrongly, before anything is built in its frame.
 
         Upon something, or on another target's place: what is built there first would have to be taken down again.
         Only for a reference that the task itself leaves where it is.
         """
-        frame = self.actions.placements[step.target].frame
-        wrongly = [] if self._own_target(frame) else [*(c.condition for c in self._raised(step)), *self._astray(frame)]
+        frame = self.actions.placements[subgoal.target].frame
+        wrongly = (
+            [] if self._own_target(frame) else [*(c.condition for c in self._raised(subgoal)), *self._astray(frame)]
+        )
         if not wrongly:
             return ()
         tree_id = f"{RECOVERY_PREFIX}Stand_{self.ids[frame]}"
@@ -214,13 +216,13 @@ class Recovery:
         self._definitions[tree_id] = Definition(tree_id, _first([leaf(self.picks[name]), leaf(self.turned[name])]))
         return subtree(tree_id)
 
-    def otherwise(self, step: Step) -> Sequence[Node]:
-        """What follows where a step has failed: if the hand is still open, its object is tried turned by a quarter.
+    def otherwise(self, subgoal: Subgoal) -> Sequence[Node]:
+        """What follows where a subgoal has failed: if the hand is still open, its object is tried turned by a quarter.
 
         It ends in FAILURE, so that the tree begins anew with the object in hand.
         """
-        name = step.target.object
-        if name not in self.turned or step.guards or self._turns_others(name):
+        name = subgoal.target.object
+        if name not in self.turned or subgoal.guards or self._turns_others(name):
             return ()
         tree_id = f"{RECOVERY_PREFIX}Turn_for_{self.ids[name]}"
         body = sequence(leaf(GripperIs("open")), leaf(self.turned[name]))
@@ -299,13 +301,13 @@ class Recovery:
         sizes = [scene.objects[name].size_m[:2] for name in (a, b) if scene and name in scene.objects]
         return rounded(min(DROP_RADIUS_M, TOUCH_M + sum(float(np.hypot(x, y)) for x, y in sizes) / 2))
 
-    def _raised(self, step: Step) -> list[Cover]:
+    def _raised(self, subgoal: Subgoal) -> list[Cover]:
         """What the reference may have been put upon, so that nothing could be placed beside it.
 
         Only where it stood on the table whenever the operator placed something in its frame.
         """
-        frame = self.actions.placements[step.target].frame
-        moves = [self.actions.moves[number] for number in step.target.members]
+        frame = self.actions.placements[subgoal.target].frame
+        moves = [self.actions.moves[number] for number in subgoal.target.members]
         heights = [m.release.objects[frame].position[2] for m in moves if m.release and frame in m.release.objects]
         if frame not in self.picks or not heights or self.actions.scene is None:
             return []

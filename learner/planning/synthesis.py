@@ -15,11 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from learner.inference.goals import Group, Step
+from learner.inference.goals import Group, Subgoal
 from learner.model import Definition, Demonstration, Drop, GripperIs, Node, Place, SetGripper, Tree
 from learner.model.names import identifier
 from learner.model.tree import Value, fallback, is_recovery, leaf, sequence, subtree
-from learner.planning.actions import Executables
+from learner.planning.actions import LearnedActions
 from learner.planning.recovery import Recovery
 
 HOLD = "Hold"
@@ -32,7 +32,7 @@ def main_id(demonstrations: Sequence[Demonstration]) -> str:
     return name if not name[0].isdigit() else f"T{name}"
 
 
-def tree_of(tree_id: str, groups: Sequence[Group], actions: Executables, recovery: Recovery) -> Tree:
+def tree_of(tree_id: str, groups: Sequence[Group], actions: LearnedActions, recovery: Recovery) -> Tree:
     """The tree of all groups: any finished goal is left alone, else the first that can be reached is pursued.
 
     What all groups begin or end with stands once; between them the goals are tested before any is pursued.
@@ -45,32 +45,32 @@ def tree_of(tree_id: str, groups: Sequence[Group], actions: Executables, recover
 class _Builder:
     """Builds the root of one tree."""
 
-    def __init__(self, groups: Sequence[Group], actions: Executables, recovery: Recovery) -> None:
+    def __init__(self, groups: Sequence[Group], actions: LearnedActions, recovery: Recovery) -> None:
         self.groups, self.actions, self.recovery = groups, actions, recovery
 
     def root(self) -> Node:
         first, alike = self.groups[0], len({group.held for group in self.groups}) == 1
         if len(self.groups) == 1:
-            return sequence(*self._steps(first.steps, ()), *self._held(first))
-        lists = [group.steps for group in self.groups]
+            return sequence(*self._subgoals(first.subgoals, ()), *self._held(first))
+        lists = [group.subgoals for group in self.groups]
         begin = _common(lists) if alike else 0
-        end = _common([steps[begin:][::-1] for steps in lists]) if alike else 0
-        middles = [steps[begin : len(steps) - end] for steps in lists]
-        choice = self._choice(middles, first.steps[:begin])
-        before, after = first.steps[:begin], first.steps[len(first.steps) - end :]
-        nodes = [*self._steps(before, ()), *choice, *self._steps(after, before), *self._held(first)]
+        end = _common([subgoals[begin:][::-1] for subgoals in lists]) if alike else 0
+        middles = [subgoals[begin : len(subgoals) - end] for subgoals in lists]
+        choice = self._choice(middles, first.subgoals[:begin])
+        before, after = first.subgoals[:begin], first.subgoals[len(first.subgoals) - end :]
+        nodes = [*self._subgoals(before, ()), *choice, *self._subgoals(after, before), *self._held(first)]
         return nodes[0] if len(nodes) == 1 else sequence(*nodes)
 
-    def _choice(self, middles: Sequence[Sequence[Step]], done: Sequence[Step]) -> Sequence[Node]:
+    def _choice(self, middles: Sequence[Sequence[Subgoal]], done: Sequence[Subgoal]) -> Sequence[Node]:
         """One of several ways: a finished one is left alone, else the first that does not fail is pursued.
 
         The Fallback over the ways has memory, so that one way is not given up for another while it runs. Ways of
-        several steps after the first are pursued as long as the tree stays within eleven nodes a placement.
+        several subgoals after the first are pursued as long as the tree stays within eleven nodes a placement.
         """
         if all(len(middle) == 1 for middle in middles):
             return self._choice_of([middle[0] for middle in middles], done)
         tests = [self._test(middle) for middle in middles[1:]]
-        ways = [sequence(*self._steps(middle, done)) for middle in middles]
+        ways = [sequence(*self._subgoals(middle, done)) for middle in middles]
         pursued = ways[:1]
         for way in ways[1:]:
             longer = fallback(*tests, fallback(*pursued, way, reactive=False))
@@ -79,21 +79,21 @@ class _Builder:
         first = pursued[0] if len(pursued) == 1 else fallback(*pursued, reactive=False)
         return (fallback(*tests, first),)
 
-    def _choice_of(self, steps: Sequence[Step], done: Sequence[Step]) -> Sequence[Node]:
-        """One of several steps; guards that all share stand once, room for the first is made as `_steps` does it."""
-        first, *others = steps
-        tests = [self._condition(step) for step in steps]
-        if first.guards and {step.guards for step in others} == {first.guards}:
-            guards, known = self._steps(first.guards, done), (*done, *first.guards)
-            chains = [sequence(*self._room(step, known), *self._placed(step)) for step in steps]
+    def _choice_of(self, subgoals: Sequence[Subgoal], done: Sequence[Subgoal]) -> Sequence[Node]:
+        """One of several subgoals; guards that all share stand once, room for the first is made as by `_subgoals`."""
+        first, *others = subgoals
+        tests = [self._condition(subgoal) for subgoal in subgoals]
+        if first.guards and {subgoal.guards for subgoal in others} == {first.guards}:
+            guards, known = self._subgoals(first.guards, done), (*done, *first.guards)
+            chains = [sequence(*self._room(subgoal, known), *self._placed(subgoal)) for subgoal in subgoals]
             return (fallback(*tests, sequence(*guards, fallback(*chains, reactive=False)), reactive=False),)
         room = () if first.guards else self._room(first, done, others)
         chain = self._chain(first, done) if first.guards else sequence(*self._placed(first))
-        chains = [chain, *(self._chain(step, done) for step in others)]
+        chains = [chain, *(self._chain(subgoal, done) for subgoal in others)]
         return (*room, fallback(*tests, *chains, reactive=False))
 
-    def _bound(self, middles: Sequence[Sequence[Step]]) -> int:
-        placements = {target for middle in middles for step in middle for target in step.targets()}
+    def _bound(self, middles: Sequence[Sequence[Subgoal]]) -> int:
+        placements = {target for middle in middles for subgoal in middle for target in subgoal.targets()}
         return 11 * len(placements) + len(middles)
 
     def _nominal_size(self, node: Node) -> int:
@@ -102,48 +102,48 @@ class _Builder:
         unfolded = (holding if n.id == HOLD else 0 if is_recovery(n) else 1 for n in node.walk())
         return sum(unfolded)
 
-    def _test(self, steps: Sequence[Step]) -> Node:
-        conditions = [self._condition(step) for step in steps]
+    def _test(self, subgoals: Sequence[Subgoal]) -> Node:
+        conditions = [self._condition(subgoal) for subgoal in subgoals]
         return conditions[0] if len(conditions) == 1 else sequence(*conditions)
 
     def _held(self, group: Group) -> list[Node]:
         return [hold(group.held, self.actions)] if group.held else []
 
-    def _steps(self, steps: Sequence[Step], done: Sequence[Step]) -> list[Node]:
+    def _subgoals(self, subgoals: Sequence[Subgoal], done: Sequence[Subgoal]) -> list[Node]:
         """Steps in a row; `done` are those that earlier siblings have just checked."""
         nodes: list[Node] = []
-        for place, step in enumerate(steps):
-            earlier = (*done, *steps[:place])
-            nodes += [node for node in self.recovery.standing(step) if node not in nodes]
-            nodes += () if step.guards else self._room(step, earlier)
-            chain = self._chain(step, earlier) if step.guards else sequence(*self._placed(step))
-            nodes.append(fallback(self._condition(step), chain, *self.recovery.otherwise(step), reactive=False))
+        for place, subgoal in enumerate(subgoals):
+            earlier = (*done, *subgoals[:place])
+            nodes += [node for node in self.recovery.standing(subgoal) if node not in nodes]
+            nodes += () if subgoal.guards else self._room(subgoal, earlier)
+            chain = self._chain(subgoal, earlier) if subgoal.guards else sequence(*self._placed(subgoal))
+            nodes.append(fallback(self._condition(subgoal), chain, *self.recovery.otherwise(subgoal), reactive=False))
         return nodes
 
-    def _condition(self, step: Step) -> Node:
-        return leaf(self._placement(step).achieves)
+    def _condition(self, subgoal: Subgoal) -> Node:
+        return leaf(self._placement(subgoal).achieves)
 
-    def _chain(self, step: Step, done: Sequence[Step]) -> Node:
+    def _chain(self, subgoal: Subgoal, done: Sequence[Subgoal]) -> Node:
         """The guards, room made, the object in hand, and the placement."""
-        guards = self._steps(step.guards, done)
-        return sequence(*guards, *self._room(step, (*done, *step.guards)), *self._placed(step))
+        guards = self._subgoals(subgoal.guards, done)
+        return sequence(*guards, *self._room(subgoal, (*done, *subgoal.guards)), *self._placed(subgoal))
 
-    def _room(self, step: Step, done: Sequence[Step], instead: Sequence[Step] = ()) -> Sequence[Node]:
-        return self.recovery.before(step, [other.target for other in done], instead)
+    def _room(self, subgoal: Subgoal, done: Sequence[Subgoal], instead: Sequence[Subgoal] = ()) -> Sequence[Node]:
+        return self.recovery.before(subgoal, [other.target for other in done], instead)
 
-    def _placed(self, step: Step) -> tuple[Node, Node]:
-        return hold(step.target.object, self.actions), leaf(self._placement(step))
+    def _placed(self, subgoal: Subgoal) -> tuple[Node, Node]:
+        return hold(subgoal.target.object, self.actions), leaf(self._placement(subgoal))
 
-    def _placement(self, step: Step) -> Place | Drop:
-        return self.actions.placements[step.target]
-
-
-def _common(lists: Sequence[Sequence[Step]]) -> int:
-    """How many first steps all lists share."""
-    return next((k for k, steps in enumerate(zip(*lists, strict=False)) if len(set(steps)) > 1), min(map(len, lists)))
+    def _placement(self, subgoal: Subgoal) -> Place | Drop:
+        return self.actions.placements[subgoal.target]
 
 
-def hold(name: str, actions: Executables) -> Node:
+def _common(lists: Sequence[Sequence[Subgoal]]) -> int:
+    """How many first subgoals all lists share."""
+    return next((k for k, firsts in enumerate(zip(*lists, strict=False)) if len(set(firsts)) > 1), min(map(len, lists)))
+
+
+def hold(name: str, actions: LearnedActions) -> Node:
     """The use of the SubTree that takes an object in hand."""
     pick = actions.pick(name)
     return subtree(HOLD, object=name, position=pick.position, orientation=pick.orientation)

@@ -1,9 +1,9 @@
-"""The abstract world of a tree: the places that its conditions speak of, what lies where, and what each leaf does.
+"""The abstract world of a tree: the locations that its conditions speak of, what lies where, and what each leaf does.
 
-A state says of every object that the tree names whether it is held, at one of the places that conditions speak of, or
-away; and whether the gripper is open. Places are relative: what lies at a place in the frame of another object moves
+A state says of every object that the tree names whether it is held, at one of the locations that they speak of, or
+away; and whether the gripper is open. Places are relative: what lies at a location in the frame of another object moves
 with it. An action that can succeed does, and takes one step; it cannot if the gripper is not as it must be, if the
-object is covered, or if its place is occupied. What is let go beside an object that itself lies upon another falls.
+object is covered, or if its location is occupied. What is let go beside an object that itself lies upon another falls.
 Many states are looked at together: arrays have a row an object and a column a state.
 """
 
@@ -26,11 +26,11 @@ from learner.proof.parameters import ProofParameters
 
 AWAY: Final = 0
 HELD: Final = 1
-FIRST_PLACE: Final = 2
+FIRST_LOCATION: Final = 2
 SAME_M: Final = 0.015
-"""Two positions in one frame this near are one place."""
+"""Two positions in one frame this near are one location."""
 RESTS_M: Final = 0.03
-"""A placement leads to the place in its frame this near to where the object is let go."""
+"""A placement leads to the location in its frame this near to where the object is let go."""
 OVERLAP_M: Final = 0.03
 """Nearer than this two objects cannot lie beside each other; one that much higher or lower is upon the other."""
 SUPPORT_M: Final = 0.05
@@ -47,13 +47,13 @@ X, Y, Z, LEVEL, RAISED = range(5)
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
-Locations = NDArray[np.int16]
+LocationNumbers = NDArray[np.int16]
 Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Place:
-    """A place that a condition speaks of: `position` [m] in `frame`. `exact` if its height matters to a condition."""
+class Location:
+    """Where a condition may want an object: `position` [m] in `frame`, `exact` if its height matters to a condition."""
 
     frame: str
     position: Vector
@@ -62,9 +62,9 @@ class Place:
 
 @dataclass(frozen=True)
 class States:
-    """Many states: `locations` (objects, n) with AWAY, HELD or a place, `closed` (n,)."""
+    """Many states: `locations` (objects, n) with AWAY, HELD or a location, `closed` (n,)."""
 
-    locations: Locations
+    locations: LocationNumbers
     closed: Bools
 
     def __len__(self) -> int:
@@ -120,7 +120,7 @@ class Layout:
 
 
 class AbstractWorld:
-    """The world of some trees' conditions: its objects, their places, and what each leaf does to many states."""
+    """The world of some trees' conditions: its objects, their locations, and what each leaf does to many states."""
 
     def __init__(self, base_frame: str, *roots: Node, parameters: ProofParameters | None = None) -> None:
         self.base_frame, self.parameters = base_frame, parameters or ProofParameters()
@@ -131,14 +131,14 @@ class AbstractWorld:
         self.frames = [*self.objects, base_frame, *sorted(asked - {*self.objects, base_frame})]
         self.index = {name: number for number, name in enumerate(self.frames)}
         self.movable = [self.index[name] for name in self.objects if name in self.grasps]
-        self.places = {name: self._places_of(name, leaves) for name in self.objects}
-        self.sizes = [FIRST_PLACE + len(self.places[name]) for name in self.objects]
+        self.locations = {name: self._locations_of(name, leaves) for name in self.objects}
+        self.sizes = [FIRST_LOCATION + len(self.locations[name]) for name in self.objects]
         self.left_out: str | None = None
         """Which states `states` has left out although they might be: piles that recovery does not take down."""
 
-    def _places_of(self, name: str, leaves: Sequence[Node]) -> list[Place]:
-        """The distinct places of an object; of a pile in one frame only the lowest, the others follow."""
-        found: list[Place] = []
+    def _locations_of(self, name: str, leaves: Sequence[Node]) -> list[Location]:
+        """The distinct locations of an object; of a pile in one frame only the lowest, the others follow."""
+        found: list[Location] = []
         own = [n for n in leaves if dict(n.ports).get("object") == name]
         targets = {(str(n.port("frame")), self._let_go(n)) for n in own if n.kind in ("Place", "Drop")}
         dropped = [self._let_go(n) for n in own if n.kind == "Drop" and n.port("frame") == self.base_frame]
@@ -151,7 +151,7 @@ class AbstractWorld:
             lowest = not any(f == frame and self._is_below(frame, p, position) for f, p in spots)
             known = any(p.frame == frame and _near(p.position, position) for p in found)
             if (placed or lowest) and not known:
-                found.append(Place(frame, position, (frame, position) in exact))
+                found.append(Location(frame, position, (frame, position) in exact))
         return found
 
     def _is_below(self, frame: str, a: Vector, b: Vector) -> bool:
@@ -178,15 +178,18 @@ class AbstractWorld:
     @cached_property
     def _steps(self) -> tuple[NDArray[np.int32], Floats]:
         """For each object and location its frame (itself where the chain ends), and the offset (5, …) from there."""
-        most = max(self.sizes, default=FIRST_PLACE)
+        most = max(self.sizes, default=FIRST_LOCATION)
         frames = np.repeat(np.arange(len(self.objects), dtype=np.int32)[:, None], most, axis=1)
         offsets = np.zeros((5, len(self.objects), most), dtype=np.float32)
         for a, name in enumerate(self.objects):
-            for number, place in enumerate(self.places[name], start=FIRST_PLACE):
-                upon = place.position[2] > UPON_M[0]
-                frames[a, number] = self.index[place.frame]
-                on_object, on_movable = upon and place.frame != self.base_frame, upon and place.frame in self.grasps
-                offsets[:, a, number] = (*place.position, on_object, on_movable)
+            for number, location in enumerate(self.locations[name], start=FIRST_LOCATION):
+                upon = location.position[2] > UPON_M[0]
+                frames[a, number] = self.index[location.frame]
+                on_object, on_movable = (
+                    upon and location.frame != self.base_frame,
+                    upon and location.frame in self.grasps,
+                )
+                offsets[:, a, number] = (*location.position, on_object, on_movable)
         return frames, offsets
 
     # -- states ----------------------------------------------------------------------------------------------------
@@ -266,8 +269,8 @@ class AbstractWorld:
         fits = np.ones((self.sizes[a], len(part)), dtype=bool)
         carries = (layout.roots == a).sum(axis=0) > 1
         fits[HELD] = ~carries & ~held.any(axis=0) & (self.objects[a] in self.grasps)
-        for number, place in enumerate(self.places[self.objects[a]], start=FIRST_PLACE):
-            root = layout.roots[self.index[place.frame]]
+        for number, location in enumerate(self.locations[self.objects[a]], start=FIRST_LOCATION):
+            root = layout.roots[self.index[location.frame]]
             fits[number] = root != a
             for b in self.movable:
                 fits[number] &= ~(held[b] & (root == b))
@@ -288,50 +291,50 @@ class AbstractWorld:
         return np.asarray(~np.any([np.zeros(len(states), bool), *hanging], axis=0))
 
     def _hanging(self, states: States) -> Iterator[tuple[int, Bools]]:
-        """For each place that may need something beneath it, its object and where that lies there without."""
+        """For each location that may need something beneath it, its object and where that lies there without."""
         layout = self.layout(states)
-        for a, number, place in self._in_need:
-            beside = self._is_beside(place)
+        for a, number, location in self._in_need:
+            beside = self._is_beside(location)
             hangs = states.locations[a] == number
             if beside:
-                hangs &= self._is_raised(place.frame, layout)
+                hangs &= self._is_raised(location.frame, layout)
             if hangs.any():
-                there, frame = layout.take(hangs), place.frame if beside else None
+                there, frame = layout.take(hangs), location.frame if beside else None
                 hangs[hangs] = ~self._is_carried(a, there.offsets[:3, a], there.roots[a], there, frame)
                 yield a, hangs
 
     @cached_property
-    def _in_need(self) -> list[tuple[int, int, Place]]:
-        """The places, with their objects and numbers, that are high, or beside what may be raised."""
+    def _in_need(self) -> list[tuple[int, int, Location]]:
+        """The locations, with their objects and numbers, that are high, or beside what may be raised."""
         return [
-            (a, number, place)
+            (a, number, location)
             for a, name in enumerate(self.objects)
-            for number, place in enumerate(self.places[name], start=FIRST_PLACE)
-            if place.frame in (*self.grasps, self.base_frame)
-            and (self._height_m(place) > self._upon_m(name, place.frame) or self._is_beside(place))
+            for number, location in enumerate(self.locations[name], start=FIRST_LOCATION)
+            if location.frame in (*self.grasps, self.base_frame)
+            and (self._height_m(location) > self._upon_m(name, location.frame) or self._is_beside(location))
         ]
 
     def _upon_m(self, name: str, frame: str) -> float:
-        """Up to this height [m] an object lies directly upon that of a frame: the lowest of its places there, and more
+        """Up to this height [m] an object lies directly upon that of a frame: its lowest location there, and more
         only by what two of them may differ by.
         """
-        heights = [place.position[2] for place in self.places[name] if place.frame == frame != self.base_frame]
+        heights = [p.position[2] for p in self.locations[name] if p.frame == frame != self.base_frame]
         lowest = min((height for height in heights if height > UPON_M[0]), default=np.inf)
         return min(UPON_M[1], lowest + ALIKE_M)
 
-    def _height_m(self, place: Place) -> float:
-        """How far a place is above the object of its frame [m]; in the base, above the lowest exact place there."""
-        if place.frame != self.base_frame:
-            return place.position[2]
+    def _height_m(self, location: Location) -> float:
+        """How far a location is above the object of its frame [m]; in the base, above the lowest exact one."""
+        if location.frame != self.base_frame:
+            return location.position[2]
         heights = [
-            p.position[2] for places in self.places.values() for p in places if p.frame == place.frame and p.exact
+            p.position[2] for known in self.locations.values() for p in known if p.frame == location.frame and p.exact
         ]
-        return place.position[2] - min(heights) if place.exact else 0.0
+        return location.position[2] - min(heights) if location.exact else 0.0
 
-    def _is_beside(self, place: Place) -> bool:
-        """Whether what lies at a place stands on what the object of its frame stands on, and must."""
-        x, y, z = place.position
-        return place.frame in self.grasps and place.exact and abs(z) < UPON_M[0] and math.hypot(x, y) > OVERLAP_M
+    def _is_beside(self, location: Location) -> bool:
+        """Whether what lies at a location stands on what the object of its frame stands on, and must."""
+        x, y, z = location.position
+        return location.frame in self.grasps and location.exact and abs(z) < UPON_M[0] and math.hypot(x, y) > OVERLAP_M
 
     def _is_raised(self, frame: str, layout: Layout) -> Bools:
         return np.asarray(layout.offsets[RAISED, self.index[frame]] > 0)
@@ -414,7 +417,7 @@ class AbstractWorld:
         return States(locations, closed)
 
     def thrown(self, states: States) -> tuple[States, Ints]:
-        """Where else what is held may come to rest if the gripper is opened where it is: at any place that is free.
+        """Where else what is held may come to rest if the gripper is opened where it is: at any location that is free.
 
         The states after, and of which of the states each is one.
         """
@@ -423,23 +426,23 @@ class AbstractWorld:
             here = np.flatnonzero(states.locations[a] == HELD)
             empty = states.take(here)
             empty.locations[a], empty.closed[:] = AWAY, False
-            columns, locations = np.nonzero(self._free_for(a, empty)[FIRST_PLACE:].T)
+            columns, locations = np.nonzero(self._free_for(a, empty)[FIRST_LOCATION:].T)
             laid = empty.take(columns)
-            laid.locations[a] = locations + FIRST_PLACE
+            laid.locations[a] = locations + FIRST_LOCATION
             fits = self._apart(len(self.objects), laid) & self._carried(laid)
             parts.append(laid.take(fits))
             of.append(here[columns[fits]])
         return States.joined(parts), np.concatenate(of)
 
-    def _leave_behind(self, moved: str, locations: Locations) -> None:
-        """What had its place in the frame of an object that is lifted out has it no longer."""
+    def _leave_behind(self, moved: str, locations: LocationNumbers) -> None:
+        """What had its location in the frame of an object that is lifted out has it no longer."""
         for b, name in enumerate(self.objects):
-            for number, place in enumerate(self.places[name], start=FIRST_PLACE):
-                if place.frame == moved:
+            for number, location in enumerate(self.locations[name], start=FIRST_LOCATION):
+                if location.frame == moved:
                     locations[b, locations[b] == number] = AWAY
 
     def _let_fall(self, states: States) -> None:
-        """What has lost what was beneath it is away, with all that had its place in its frame."""
+        """What has lost what was beneath it is away, with all that had its location in its frame."""
         for a, hangs in self._hanging(states) if self._in_need else ():
             fallen = states.locations[:, hangs]
             fallen[a] = AWAY
@@ -447,13 +450,13 @@ class AbstractWorld:
             states.locations[:, hangs] = fallen
 
     def _reached(self, node: Node) -> int:
-        """The location that a Place or Drop leads to: the nearest place in its frame, else away."""
+        """The location that a Place or Drop leads to: the nearest location in its frame, else away."""
         let_go, frame = self._let_go(node), str(node.port("frame"))
         name = str(node.port("object"))
         distances = {
-            number: float(np.linalg.norm(np.subtract(place.position, let_go)[: 3 if node.kind == "Place" else 2]))
-            for number, place in enumerate(self.places[name], start=FIRST_PLACE)
-            if place.frame == frame
+            number: float(np.linalg.norm(np.subtract(location.position, let_go)[: 3 if node.kind == "Place" else 2]))
+            for number, location in enumerate(self.locations[name], start=FIRST_LOCATION)
+            if location.frame == frame
         }
         nearest = min(distances, key=lambda number: distances[number], default=AWAY)
         near = nearest != AWAY and (node.kind == "Drop" or distances[nearest] < RESTS_M)
@@ -462,12 +465,12 @@ class AbstractWorld:
     def _falls(self, node: Node, reached: int, layout: Layout) -> Bools:
         """In which states what is let go has nothing beneath it: it is beside an object that lies upon another."""
         name = str(node.port("object"))
-        place = self.places[name][reached - FIRST_PLACE] if reached != AWAY else None
-        if place is None or not self._is_beside(place):
+        location = self.locations[name][reached - FIRST_LOCATION] if reached != AWAY else None
+        if location is None or not self._is_beside(location):
             return np.zeros(layout.roots.shape[1], dtype=bool)
-        root, spot = self._spot(node, place.position, layout)
-        return self._is_raised(place.frame, layout) & ~self._is_carried(
-            self.index[name], spot, root, layout, place.frame
+        root, spot = self._spot(node, location.position, layout)
+        return self._is_raised(location.frame, layout) & ~self._is_carried(
+            self.index[name], spot, root, layout, location.frame
         )
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from learner.model import Node, Tree
 from learner.model.tree import ACTIONS, CONDITIONS, FALLBACKS, SEQUENCES
-from learner.proof.abstract_world import FIRST_PLACE, AbstractWorld, Bools, Ints, Place, States
+from learner.proof.abstract_world import FIRST_LOCATION, AbstractWorld, Bools, Ints, Location, States
 from learner.proof.parameters import ProofParameters
 
 FAILURE, RUNNING, SUCCESS = np.int8(0), np.int8(1), np.int8(2)
@@ -47,11 +47,11 @@ class Certificate:
 
 
 @dataclass(frozen=True)
-class Step:
+class Instruction:
     """A node made ready to be ticked: equal leaves share a `leaf`, while `place` is a leaf's own."""
 
     kind: str
-    children: tuple[Step, ...] = ()
+    children: tuple[Instruction, ...] = ()
     leaf: int = NOTHING
     place: int = NOTHING
 
@@ -65,16 +65,16 @@ class Program:
         self.places: list[Node] = []
         """All leaves, from left to right."""
         self._numbers: dict[Node, int] = {}
-        self.root = self._step(root)
+        self.root = self._instruction(root)
 
-    def _step(self, node: Node) -> Step:
+    def _instruction(self, node: Node) -> Instruction:
         if node.children:
-            return Step(node.kind, tuple(self._step(child) for child in node.children))
+            return Instruction(node.kind, tuple(self._instruction(child) for child in node.children))
         if node not in self._numbers:
             self._numbers[node] = len(self.leaves)
             self.leaves.append(node)
         self.places.append(node)
-        return Step(node.kind, (), self._numbers[node], len(self.places) - 1)
+        return Instruction(node.kind, (), self._numbers[node], len(self.places) - 1)
 
 
 class Ticks:
@@ -113,47 +113,47 @@ class Ticks:
         begun = np.flatnonzero(self.action != NOTHING)
         return States.joined([States(locations, closed).take(begun), *thrown]), np.concatenate([begun, *of])
 
-    def _tick(self, step: Step, where: Ints) -> tuple[Ints, Ints]:
+    def _tick(self, instruction: Instruction, where: Ints) -> tuple[Ints, Ints]:
         """In which of some states a node succeeds, and in which it fails; in the others it runs."""
         if not len(where):
             return where, where
-        if step.kind in CONDITIONS:
-            holds = self._answer(step.leaf)[where]
+        if instruction.kind in CONDITIONS:
+            holds = self._answer(instruction.leaf)[where]
             return where[holds], where[~holds]
-        if step.kind in ACTIONS:
-            return where[:0], self._begin(step, where)
-        if step.kind in SEQUENCES:
-            return self._in_turn(step.children, where)
-        if step.kind in FALLBACKS:
-            failed, succeeded = self._in_turn(step.children, where, otherwise=True)
+        if instruction.kind in ACTIONS:
+            return where[:0], self._begin(instruction, where)
+        if instruction.kind in SEQUENCES:
+            return self._in_turn(instruction.children, where)
+        if instruction.kind in FALLBACKS:
+            failed, succeeded = self._in_turn(instruction.children, where, otherwise=True)
             return succeeded, failed
-        return self._decorated(step, *self._tick(step.children[0], where))
+        return self._decorated(instruction, *self._tick(instruction.children[0], where))
 
-    def _in_turn(self, steps: Sequence[Step], where: Ints, otherwise: bool = False) -> tuple[Ints, Ints]:
-        """Where all steps succeed, and where one fails; `otherwise`, where all fail, and where one succeeds."""
+    def _in_turn(self, instructions: Sequence[Instruction], where: Ints, otherwise: bool = False) -> tuple[Ints, Ints]:
+        """Where all instructions succeed, and where one fails; `otherwise`, where all fail, and where one succeeds."""
         ended = []
-        for step in steps:
-            succeeded, failed = self._tick(step, where)
+        for instruction in instructions:
+            succeeded, failed = self._tick(instruction, where)
             where, end = (failed, succeeded) if otherwise else (succeeded, failed)
             ended.append(end)
         return where, np.concatenate(ended)
 
-    def _decorated(self, step: Step, succeeded: Ints, failed: Ints) -> tuple[Ints, Ints]:
-        if step.kind == "Inverter":
+    def _decorated(self, instruction: Instruction, succeeded: Ints, failed: Ints) -> tuple[Ints, Ints]:
+        if instruction.kind == "Inverter":
             return failed, succeeded
         both = np.concatenate([succeeded, failed])
-        return (both, both[:0]) if step.kind == "ForceSuccess" else (both[:0], both)
+        return (both, both[:0]) if instruction.kind == "ForceSuccess" else (both[:0], both)
 
-    def _begin(self, step: Step, where: Ints) -> Ints:
+    def _begin(self, instruction: Instruction, where: Ints) -> Ints:
         """Begin an action where it can succeed; where it fails."""
-        can = self._answer(step.leaf)[where]
+        can = self._answer(instruction.leaf)[where]
         begun, failed = where[can], where[~can]
-        self.action[begun] = step.leaf
-        self.worked[step.place] = len(begun) > 0
+        self.action[begun] = instruction.leaf
+        self.worked[instruction.place] = len(begun) > 0
         if len(failed):
-            self.failed[step.place] = int(failed[0])
-            ready = self.world.ready(self.program.leaves[step.leaf], self.states)[failed]
-            self.unready[failed[~ready]] = step.leaf
+            self.failed[instruction.place] = int(failed[0])
+            ready = self.world.ready(self.program.leaves[instruction.leaf], self.states)[failed]
+            self.unready[failed[~ready]] = instruction.leaf
         return failed
 
     def _answer(self, number: int) -> Bools:
@@ -312,7 +312,7 @@ class _Exploration:
         """A state and what is wrong there."""
         world = self.world
         where = [
-            f"{name} {_location(world.places[name], int(states.locations[number, column]))}"
+            f"{name} {_location(world.locations[name], int(states.locations[number, column]))}"
             for number, name in enumerate(world.objects)
         ]
         return f"the gripper {'closed' if states.closed[column] else 'open'}, {', '.join(where)}: {fault}"
@@ -349,11 +349,11 @@ class Keys:
         return states.take(np.sort(first[new]))
 
 
-def _location(places: Sequence[Place], location: int) -> str:
-    if location < FIRST_PLACE:
-        return ("away", "held")[location]
-    place = places[location - FIRST_PLACE]
-    return f"at {place.frame} ({', '.join(f'{value:.2f}' for value in place.position)})"
+def _location(locations: Sequence[Location], number: int) -> str:
+    if number < FIRST_LOCATION:
+        return ("away", "held")[number]
+    location = locations[number - FIRST_LOCATION]
+    return f"at {location.frame} ({', '.join(f'{value:.2f}' for value in location.position)})"
 
 
 def _word(node: Node) -> str:

@@ -67,10 +67,12 @@ def goals_of(groups: Sequence[Group], placements: Mapping[Target, Place | Drop],
     """The goal of each group."""
     return [
         Goal(
-            tuple(on_stage(placements[step.target].achieves, stage) for step in group.steps),
+            tuple(on_stage(placements[subgoal.target].achieves, stage) for subgoal in group.subgoals),
             group.held,
-            2 * sum(len(step.targets()) for step in group.steps) + (group.held is not None),
-            tuple(on_stage(placements[t].achieves, stage) for step in group.steps for t in step.targets()[:-1]),
+            2 * sum(len(subgoal.targets()) for subgoal in group.subgoals) + (group.held is not None),
+            tuple(
+                on_stage(placements[t].achieves, stage) for subgoal in group.subgoals for t in subgoal.targets()[:-1]
+            ),
         )
         for group in groups
     ]

@@ -14,7 +14,7 @@ from learner.inference.understanding import understand
 from learner.learned import Learned
 from learner.model import Demonstration, Tree
 from learner.parameters import Parameters
-from learner.planning.draft import Plan
+from learner.planning.draft import Draft
 from learner.planning.repairs import NOTHING, Repairs
 from learner.proof.parameters import ProofParameters
 from learner.proof.prover import Certificate, prove
@@ -28,22 +28,22 @@ from learner.rehearsal.users import success_without
 
 def proven(learned: Learned, base_frame: str) -> Learned:
     """With the certificate of its tree, and a note if there is a counterexample."""
-    certificate = _certificate(learned.tree, base_frame, learned.plan)
+    certificate = _certificate(learned.tree, base_frame, learned.draft)
     return replace(learned, certificate=certificate.to_data(), notes=(*learned.notes, *_unproven(certificate)))
 
 
 def tried(learned: Learned, demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
-    """With the best of the trees that a plan makes, once rehearsed and repaired, that is proven; else the first.
+    """With the best of the trees that a draft makes, once rehearsed and repaired, that is proven; else the first.
 
-    A method without a plan has its tree judged by what ours understands of the demonstrations, and not repaired.
+    A method without a draft has its tree judged by what ours understands of the demonstrations, and not repaired.
     """
     base_frame = demonstrations[0].base_frame
     try:
-        plan = learned.plan or Plan(understand(demonstrations, parameters.inference), parameters.planning, {})
+        draft = learned.draft or Draft(understand(demonstrations, parameters.inference), parameters.planning, {})
     except NothingLearnedError as error:
         told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
         return proven(replace(learned, report={**learned.report, **told}), base_frame)
-    return _Trial(learned, plan, Stage(demonstrations)).learned()
+    return _Trial(learned, draft, Stage(demonstrations)).learned()
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,14 @@ class _Tried:
 class _Trial:
     """The trial of one method's tree on a stage."""
 
-    def __init__(self, learned: Learned, plan: Plan, stage: Stage) -> None:
-        self.first, self.plan, self.stage = learned, plan, stage
-        self.goals = partial(goals_of, plan.understood.groups, plan.placements)
+    def __init__(self, learned: Learned, draft: Draft, stage: Stage) -> None:
+        self.first, self.draft, self.stage = learned, draft, stage
+        self.goals = partial(goals_of, draft.understood.groups, draft.placements)
 
     def learned(self) -> Learned:
         """What is published."""
         best = self._best()
-        users = success_without(self.plan, self.stage) if self.first.plan else {}
+        users = success_without(self.draft, self.stage) if self.first.draft else {}
         report = {
             **self.first.report,
             "rehearsal": {**best.attempt.rehearsal.to_data(), "repairs": best.attempt.repairs.sentences()},
@@ -97,37 +97,37 @@ class _Trial:
     def _best_proven(self, found: Sequence[Attempt]) -> _Tried:
         """The best rehearsed attempt if it is proven, or if the first is not proven either; else the first."""
         first, best = found[0], found[-1]
-        certificate = _certificate(best.tree, self.stage.base, self.first.plan)
+        certificate = _certificate(best.tree, self.stage.base, self.first.draft)
         if certificate.counterexample is None or best is first:
             return self._completed(best, certificate)
-        other = _certificate(first.tree, self.stage.base, self.first.plan)
+        other = _certificate(first.tree, self.stage.base, self.first.draft)
         one_proven = other.counterexample is None
         return self._completed(first, other) if one_proven else self._completed(best, certificate)
 
     def _completed(self, attempt: Attempt, certificate: Certificate | None = None) -> _Tried:
-        certificate = certificate or _certificate(attempt.tree, self.stage.base, self.first.plan)
+        certificate = certificate or _certificate(attempt.tree, self.stage.base, self.first.draft)
         return _Tried(attempt, certificate, replay(attempt.tree, self.stage, self.goals))
 
     def _made(self, repairs: Repairs) -> Tree:
-        return self.plan.tree(repairs)
+        return self.draft.tree(repairs)
 
     def _rehearsed(self, tree: Tree) -> Rehearsal:
         return rehearse(tree, self.stage, self.goals(self.stage))
 
     def _proposed(self, failures: Sequence[Outcome], known: Repairs) -> Sequence[Repairs]:
-        return self._lessons.of(failures, known) if self.first.plan else ()
+        return self._lessons.of(failures, known) if self.first.draft else ()
 
     @cached_property
     def _lessons(self) -> Lessons:
         return Lessons(
-            self.plan.placements, self.plan.nearest_m, self.plan.orders, self.goals(self.stage), self.stage.bodies
+            self.draft.placements, self.draft.nearest_m, self.draft.orders, self.goals(self.stage), self.stage.bodies
         )
 
 
-def _certificate(tree: Tree, base_frame: str, plan: Plan | None) -> Certificate:
-    """The proof that the tree reaches what it says, and, where there is a plan, that this is the plan's goal."""
-    goal = plan.goal if plan else None
-    looks = ProofParameters(levels=plan.parameters.levels) if plan else ProofParameters()
+def _certificate(tree: Tree, base_frame: str, draft: Draft | None) -> Certificate:
+    """The proof that the tree reaches what it says, and, where there is a draft, that this is the draft's goal."""
+    goal = draft.goal if draft else None
+    looks = ProofParameters(levels=draft.parameters.levels) if draft else ProofParameters()
     return prove(tree, base_frame, np.random.default_rng(0), goal, looks, at_once=False)
 
 

@@ -6,40 +6,40 @@ from learner.errors import NothingLearnedError
 from learner.inference.understanding import Understanding, understand
 from learner.model import ObjectAt
 from learner.model.condition import ObjectRoughlyAt
-from learner.planning.draft import Plan
+from learner.planning.draft import Draft
 from learner.rehearsal.goal import Goal, Relation, on_stage
 from learner.rehearsal.rehearsal import Actor, perform
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.stage import Stage
 
 
-def success_without(plan: Plan, stage: Stage) -> dict[str, str | None]:
+def success_without(draft: Draft, stage: Stage) -> dict[str, str | None]:
     """For each user, in how many of their demonstrations the tree of the others does as they did, as "2 of 3".
 
     The tree without recovery begins where the user began, in the kinematic world. It has to bring to where it lay in
     the end what belongs to a target of all, or what the user alone puts there time and again; a demonstration without
     any such thing is none that it does. None where the others' demonstrations make no tree, or the stage no start.
     """
-    return {user: _success(user, others, plan, stage) for user, others in plan.without.items()}
+    return {user: _success(user, others, draft, stage) for user, others in draft.without.items()}
 
 
-def _success(user: str, others: Understanding | None, plan: Plan, stage: Stage) -> str | None:
-    mine = [n for n, demonstration in enumerate(plan.understood.demonstrations) if demonstration.user == user]
+def _success(user: str, others: Understanding | None, draft: Draft, stage: Stage) -> str | None:
+    mine = [n for n, demonstration in enumerate(draft.understood.demonstrations) if demonstration.user == user]
     starts = {start.demonstration_id: start for start in stage.starts}
-    ids = {n: plan.understood.demonstrations[n].demonstration_id for n in mine}
+    ids = {n: draft.understood.demonstrations[n].demonstration_id for n in mine}
     known = [n for n in mine if ids[n] in starts]
     if others is None or not known:
         return None
-    actor = Actor(stage.root(Plan(others, plan.parameters, {}).nominal_tree().flattened()))
-    ends = _ends(user, plan, stage)
+    actor = Actor(stage.root(Draft(others, draft.parameters, {}).nominal_tree().flattened()))
+    ends = _ends(user, draft, stage)
     done = [perform(Rollout(ids[n], starts[ids[n]].spots), actor, stage, [ends[n]], n).done for n in known if n in ends]
     return f"{sum(done)} of {len(known)}"
 
 
-def _ends(user: str, plan: Plan, stage: Stage) -> dict[int, Goal]:
+def _ends(user: str, draft: Draft, stage: Stage) -> dict[int, Goal]:
     """By demonstration, where the user left what belongs to the task, or what they put there time and again."""
-    understood = plan.understood
-    places = {**_reached(_alone(user, plan)), **_reached(understood)}
+    understood = draft.understood
+    places = {**_reached(_alone(user, draft)), **_reached(understood)}
     ends: dict[int, dict[str, Relation]] = {}
     for move in understood.moves:
         name = understood.demonstrations[move.demonstration].demonstration_id
@@ -51,11 +51,11 @@ def _ends(user: str, plan: Plan, stage: Stage) -> dict[int, Goal]:
     }
 
 
-def _alone(user: str, plan: Plan) -> Understanding | None:
+def _alone(user: str, draft: Draft) -> Understanding | None:
     """What a user's own demonstrations mean; None if they mean nothing."""
-    mine = [demonstration for demonstration in plan.understood.demonstrations if demonstration.user == user]
+    mine = [demonstration for demonstration in draft.understood.demonstrations if demonstration.user == user]
     try:
-        return understand(mine, plan.understood.parameters)
+        return understand(mine, draft.understood.parameters)
     except NothingLearnedError:
         return None
 

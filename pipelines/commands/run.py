@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from pipelines.controller.controller import Result
-    from pipelines.controller.job import Plan
+    from pipelines.controller.job import Job
 
 HOME_STORE: Final = ""
 
@@ -59,9 +59,9 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     reference, cell = Reference.parse(arguments.tree), check_name("cell", arguments.cell)
     stop = _stopped_by_signals()
     with open_session(arguments) as session:
-        plan = _fetched(arguments, session, reference, stop)
-        console.say(f"{plan.name} is {plan.nodes} nodes, digest {plan.digest[:12]}")
-        return _on_cell(arguments, console, session, plan, cell, stop)
+        job = _fetched(arguments, session, reference, stop)
+        console.say(f"{job.name} is {job.nodes} nodes, digest {job.digest[:12]}")
+        return _on_cell(arguments, console, session, job, cell, stop)
 
 
 def _seconds(text: str) -> float:
@@ -79,9 +79,7 @@ def _stopped_by_signals() -> threading.Event:
     return stop
 
 
-def _fetched(
-    arguments: argparse.Namespace, session: zenoh.Session, reference: Reference, stop: threading.Event
-) -> Plan:
+def _fetched(arguments: argparse.Namespace, session: zenoh.Session, reference: Reference, stop: threading.Event) -> Job:
     from pipelines.controller import job
 
     if arguments.store is None:
@@ -94,52 +92,52 @@ def _on_cell(
     arguments: argparse.Namespace,
     console: Console,
     session: zenoh.Session,
-    plan: Plan,
+    job: Job,
     cell: str,
     stop: threading.Event,
 ) -> int:
     from learner.execution.perception import CellState
     from pipelines.controller.cell_link import CellLink
 
-    with CellLink(session, cell, CellState(plan.base_frame, plan.end_effector_frame)) as link:
-        plan.await_cell(link, stop)
+    with CellLink(session, cell, CellState(job.base_frame, job.end_effector_frame)) as link:
+        job.await_cell(link, stop)
         if arguments.dry_run:
-            return _say_what_would_be_done(console, plan, link)
-        return _execute(arguments, console, plan, link, stop)
+            return _say_what_would_be_done(console, job, link)
+        return _execute(arguments, console, job, link, stop)
 
 
-def _say_what_would_be_done(console: Console, plan: Plan, link: Any) -> int:
+def _say_what_would_be_done(console: Console, job: Job, link: Any) -> int:
     from pipelines.controller.job import first_action
 
-    status, action = first_action(plan.root, link.state)
+    status, action = first_action(job.root, link.state)
     would = f"start with {action}" if action else f"do nothing: the tree's status is {status}"
-    console.say(f"the cell {link.cell} has all that {plan.name} needs; it would {would}")
+    console.say(f"the cell {link.cell} has all that {job.name} needs; it would {would}")
     document = {"outcome": "dry-run", "ticks": 0, "actions": 0, "trace": None, "status": status, "would": action}
     console.emit(document)
     return 0
 
 
-def _execute(arguments: argparse.Namespace, console: Console, plan: Plan, link: Any, stop: threading.Event) -> int:
+def _execute(arguments: argparse.Namespace, console: Console, job: Job, link: Any, stop: threading.Event) -> int:
     from pipelines.controller.controller import Controller
     from pipelines.controller.trace import Trace
 
     moment = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    file = Home.current().traces / f"{moment}-{plan.task}-{link.cell}-{uuid.uuid4().hex[:6]}.jsonl"
+    file = Home.current().traces / f"{moment}-{job.task}-{link.cell}-{uuid.uuid4().hex[:6]}.jsonl"
     with ExitStack() as stack:
         trace = stack.enter_context(Trace(file))
-        trace.write("run", cell=link.cell, tree=plan.name, digest=plan.digest)
+        trace.write("run", cell=link.cell, tree=job.name, digest=job.digest)
         if arguments.watch:
             console.emit({"ready": True})
-        result = Controller(plan.root, link, trace, console.emit if arguments.watch else None).run(
+        result = Controller(job.root, link, trace, console.emit if arguments.watch else None).run(
             stop, arguments.timeout, arguments.watch
         )
-    return _told(console, plan, result, file)
+    return _told(console, job, result, file)
 
 
-def _told(console: Console, plan: Plan, result: Result, trace: Path) -> int:
+def _told(console: Console, job: Job, result: Result, trace: Path) -> int:
     console.emit({**asdict(result), "trace": str(trace)})
-    console.say(f"{plan.name}: {result.outcome} after {result.actions} actions, {result.ticks} ticks; trace {trace}")
+    console.say(f"{job.name}: {result.outcome} after {result.actions} actions, {result.ticks} ticks; trace {trace}")
     if result.outcome == "success":
         return 0
-    console.fail(CommandError(f"{plan.name} ended with {result.outcome}: {result.reason}"))
+    console.fail(CommandError(f"{job.name} ended with {result.outcome}: {result.reason}"))
     return 1

@@ -34,7 +34,7 @@ DATABASE: Final = "store.sqlite"
 
 
 @dataclass(frozen=True)
-class Plan:
+class Job:
     """A tree to execute, flattened, and the frames in which its poses are meant."""
 
     task: str
@@ -46,7 +46,7 @@ class Plan:
     end_effector_frame: str
 
     @staticmethod
-    def of(task: str, tree: Tree, manifest: Mapping[str, Any]) -> Plan:
+    def of(task: str, tree: Tree, manifest: Mapping[str, Any]) -> Job:
         """Raises DamagedError if the tree is not the manifest's, CommandError if the manifest leaves out a frame."""
         name = f"{task}@{manifest.get('version')}"
         if tree.digest != manifest.get("digest"):
@@ -56,7 +56,7 @@ class Plan:
         if unset:
             raise CommandError(f"the manifest of {name} does not state its {' and '.join(unset)}; learn it again")
         base, end_effector = (check_name("frame", value) for value in frames.values())
-        return Plan(task, name, tree.digest, tree, tree.flattened(), base, end_effector)
+        return Job(task, name, tree.digest, tree, tree.flattened(), base, end_effector)
 
     @property
     def nodes(self) -> int:
@@ -115,7 +115,7 @@ class Plan:
         )
 
 
-def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Event) -> Plan:
+def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Event) -> Job:
     """The tree that a served store answers with.
 
     A session learns of its peers a little after it was opened: until the limit, no answer means not yet.
@@ -124,13 +124,13 @@ def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Eve
     while True:
         try:
             xml, manifest = fetch(session, reference.task, reference.version, reference.alias)
-            return Plan.of(reference.task, from_xml(xml), manifest)
+            return Job.of(reference.task, from_xml(xml), manifest)
         except StorageUnavailableError:
             if time.monotonic() >= deadline_s or stop.wait(LOOK_AGAIN_S):
                 raise
 
 
-def from_store(root: Path, url: str | None, reference: Reference) -> Plan:
+def from_store(root: Path, url: str | None, reference: Reference) -> Job:
     """The tree in the store in the folder `root`, which may also be the data root that has the store in it.
 
     Its database is at `url` where `root` has none. Raises CommandError if there is no such store.
@@ -146,7 +146,7 @@ def from_store(root: Path, url: str | None, reference: Reference) -> Plan:
         )
     with ArtifactStore(folder, None if own else url) as store:
         artifact = store.get(reference.task, reference.alias if reference.version is None else reference.version)
-    return Plan.of(reference.task, artifact.tree, artifact.manifest)
+    return Job.of(reference.task, artifact.tree, artifact.manifest)
 
 
 def first_action(root: Node, state: CellState) -> tuple[str, str | None]:

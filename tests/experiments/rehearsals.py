@@ -16,7 +16,7 @@ from learner.errors import LearnerError
 from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, Tree
-from learner.planning.draft import Plan
+from learner.planning.draft import Draft
 from learner.rehearsal.goal import goals_of
 from learner.rehearsal.rehearsal import Rehearsal, rehearse
 from learner.rehearsal.stage import Stage
@@ -75,18 +75,18 @@ def _told(learned: Learned) -> Result:
 def compared(learned: Learned, demonstrations: Sequence[Demonstration]) -> Result:
     """The rollouts that the planned tree did, and how many unseen ones each tree fails; where they are the same tree,
     the former are those of the published one, and the latter are not run."""
-    if learned.plan is None or not learned.report["rehearsal"].get("repairs"):
+    if learned.draft is None or not learned.report["rehearsal"].get("repairs"):
         return {"planned": learned.report["rehearsal"].get("done", 0), "unseen": None}
-    planned, stage = learned.plan.tree(), Stage(demonstrations)
-    first, *before = _rehearsed(planned, learned.plan, stage, (0, *UNSEEN))
-    after = list(_rehearsed(learned.tree, learned.plan, stage, UNSEEN))
+    planned, stage = learned.draft.tree(), Stage(demonstrations)
+    first, *before = _rehearsed(planned, learned.draft, stage, (0, *UNSEEN))
+    after = list(_rehearsed(learned.tree, learned.draft, stage, UNSEEN))
     unseen = {"rollouts": sum(len(each.outcomes) for each in before), "planned": _failing(before),
               "published": _failing(after)}  # fmt: skip
     return {"planned": len(first.outcomes) - len(first.failures), "unseen": unseen}
 
 
-def _rehearsed(tree: Tree, plan: Plan, stage: Stage, seeds: Iterable[int]) -> Iterator[Rehearsal]:
-    goals = goals_of(plan.understood.groups, plan.placements, stage)
+def _rehearsed(tree: Tree, draft: Draft, stage: Stage, seeds: Iterable[int]) -> Iterator[Rehearsal]:
+    goals = goals_of(draft.understood.groups, draft.placements, stage)
     return (rehearse(tree, stage, goals, seed) for seed in seeds)
 
 

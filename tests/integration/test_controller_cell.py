@@ -22,7 +22,7 @@ from learner.model.tree import Definition, Node, Tree, fallback, leaf, sequence
 from pipelines.controller import controller
 from pipelines.controller.cell_link import CellLink
 from pipelines.controller.controller import FAILURES_IN_A_ROW, Controller, Result
-from pipelines.controller.job import Plan, first_action
+from pipelines.controller.job import Job, first_action
 from pipelines.controller.trace import Trace
 from pipelines.errors import CellRefusedError, CommandError, UnreachableError
 
@@ -64,25 +64,25 @@ class Bench:
     pool: ThreadPoolExecutor = field(default_factory=ThreadPoolExecutor)
     told: list[dict[str, Any]] = field(default_factory=list)
 
-    def plan(self, tree: Tree = TREE, end_effector: str = "tool", base: str = "base") -> Plan:
+    def job(self, tree: Tree = TREE, end_effector: str = "tool", base: str = "base") -> Job:
         manifest = {
             "digest": tree.digest,
             "version": 1,
             "base_frame": base,
             "end_effector_frame": end_effector,
         }
-        return Plan.of("task", tree, manifest)
+        return Job.of("task", tree, manifest)
 
-    def link(self, plan: Plan) -> CellLink:
-        return CellLink(self.session, "c1", CellState(plan.base_frame, plan.end_effector_frame))
+    def link(self, job: Job) -> CellLink:
+        return CellLink(self.session, "c1", CellState(job.base_frame, job.end_effector_frame))
 
     def start(self, tree: Tree = TREE, **options: Any) -> Future[Result]:
-        return self.pool.submit(self._run, self.plan(tree), **options)
+        return self.pool.submit(self._run, self.job(tree), **options)
 
-    def _run(self, plan: Plan, **options: Any) -> Result:
-        with self.link(plan) as link, Trace(self.folder / "trace.jsonl") as trace:
-            plan.await_cell(link, self.stop, limit_s=20.0)
-            return Controller(plan.root, link, trace, self.told.append).run(self.stop, **options)
+    def _run(self, job: Job, **options: Any) -> Result:
+        with self.link(job) as link, Trace(self.folder / "trace.jsonl") as trace:
+            job.await_cell(link, self.stop, limit_s=20.0)
+            return Controller(job.root, link, trace, self.told.append).run(self.stop, **options)
 
     def run(self, tree: Tree = TREE, **options: Any) -> Result:
         return self.start(tree, **options).result(60)
@@ -275,15 +275,15 @@ def wait_until(condition: Any, limit_s: float = 30.0) -> None:
 
 def test_a_cell_without_an_object_or_a_frame_is_refused_by_name(bench: Bench) -> None:
     bench.cell.hidden = {"box"}
-    plan = bench.plan()
+    job = bench.job()
     with (
-        bench.link(plan) as link,
+        bench.link(job) as link,
         pytest.raises(CellRefusedError, match=r"lacks the frame 'box' of task@1.*seen are A"),
     ):
-        plan.await_cell(link, bench.stop, limit_s=1.0)
+        job.await_cell(link, bench.stop, limit_s=1.0)
     bench.cell.hidden = {"A"}
-    with bench.link(plan) as link, pytest.raises(CellRefusedError, match="lacks the object 'A'"):
-        plan.await_cell(link, bench.stop, limit_s=1.0)
+    with bench.link(job) as link, pytest.raises(CellRefusedError, match="lacks the object 'A'"):
+        job.await_cell(link, bench.stop, limit_s=1.0)
     assert not bench.cell.requests
 
 
@@ -295,32 +295,32 @@ def test_a_cell_without_an_object_or_a_frame_is_refused_by_name(bench: Bench) ->
     ],
 )
 def test_a_cell_with_other_frames_is_refused_by_name(bench: Bench, frames: dict[str, str], sentence: str) -> None:
-    plan = bench.plan(**frames)
-    with bench.link(plan) as link, pytest.raises(CellRefusedError, match=sentence):
-        plan.await_cell(link, bench.stop, limit_s=1.0)
+    job = bench.job(**frames)
+    with bench.link(job) as link, pytest.raises(CellRefusedError, match=sentence):
+        job.await_cell(link, bench.stop, limit_s=1.0)
 
 
 def test_a_network_without_the_cell_is_unreachable() -> None:
     with session_on(free_endpoint(), "listen") as session:
-        plan = Bench(None, session, Path()).plan()  # type: ignore[arg-type]  # there is no cell
+        job = Bench(None, session, Path()).job()  # type: ignore[arg-type]  # there is no cell
         link = CellLink(session, "nowhere", CellState("base", "tool"))
         with link, pytest.raises(UnreachableError, match="'nowhere' publishes nothing"):
-            plan.await_cell(link, threading.Event(), limit_s=0.3)
+            job.await_cell(link, threading.Event(), limit_s=0.3)
 
 
 def test_skills_that_nobody_offers_are_named(bench: Bench) -> None:
-    plan = bench.plan()
+    job = bench.job()
     for queryable in bench.cell._queryables[1:2]:
         queryable.undeclare()
-    with bench.link(plan) as link, pytest.raises(CellRefusedError, match="lacks the skill Place"):
-        plan.await_cell(link, bench.stop, limit_s=1.0)
+    with bench.link(job) as link, pytest.raises(CellRefusedError, match="lacks the skill Place"):
+        job.await_cell(link, bench.stop, limit_s=1.0)
     bench.cell._queryables.pop(1)
 
 
 def test_messages_against_the_contract_are_complained_of_and_harm_nothing(bench: Bench) -> None:
-    plan = bench.plan()
-    with bench.link(plan) as link:
-        plan.await_cell(link, bench.stop, limit_s=20.0)
+    job = bench.job()
+    with bench.link(job) as link:
+        job.await_cell(link, bench.stop, limit_s=20.0)
         for key, payload in (
             ("poses", b"\xff\xff"),
             ("gripper", b"[1]"),
@@ -333,15 +333,15 @@ def test_messages_against_the_contract_are_complained_of_and_harm_nothing(bench:
 
 
 def test_a_dry_look_names_the_first_action_and_moves_nothing(bench: Bench) -> None:
-    plan = bench.plan()
-    with bench.link(plan) as link:
-        plan.await_cell(link, bench.stop, limit_s=20.0)
-        assert first_action(plan.root, link.state) == ("running", "Pick A in A")
+    job = bench.job()
+    with bench.link(job) as link:
+        job.await_cell(link, bench.stop, limit_s=20.0)
+        assert first_action(job.root, link.state) == ("running", "Pick A in A")
     assert not bench.cell.requests
 
 
 def test_a_manifest_that_does_not_fit_the_tree_is_refused() -> None:
     with pytest.raises(Exception, match="does not have the digest"):
-        Plan.of("task", TREE, {"digest": "0" * 64, "version": 1, "base_frame": "base", "end_effector_frame": "tool"})
+        Job.of("task", TREE, {"digest": "0" * 64, "version": 1, "base_frame": "base", "end_effector_frame": "tool"})
     with pytest.raises(CommandError, match="does not state its end_effector_frame"):
-        Plan.of("task", TREE, {"digest": TREE.digest, "version": 1, "base_frame": "base"})
+        Job.of("task", TREE, {"digest": TREE.digest, "version": 1, "base_frame": "base"})

@@ -14,7 +14,7 @@ from experiments.scenarios import SCENARIOS
 from learner.learning import METHODS
 from learner.model import Demonstration
 from learner.parameters import Parameters
-from learner.planning.draft import Plan
+from learner.planning.draft import Draft
 
 Demonstrations = list[Demonstration]
 
@@ -28,11 +28,11 @@ def board() -> Demonstrations:
 def test_unseen_rollouts_tell_a_worse_published_tree_from_the_planned_one(board: Demonstrations) -> None:
     """As if a repair had lost the last placement."""
     right = METHODS["treewright"](board, Parameters())
-    assert right.plan
-    group = right.plan.understood.groups[0]
-    shorter = replace(right.plan.understood, groups=(replace(group, steps=group.steps[:-1]),))
+    assert right.draft
+    group = right.draft.understood.groups[0]
+    shorter = replace(right.draft.understood, groups=(replace(group, subgoals=group.subgoals[:-1]),))
     report = {**right.report, "rehearsal": {"done": 0, "repairs": ["the last placement is left out"]}}
-    found = compared(replace(right, tree=Plan(shorter, Parameters(), {}).tree(), report=report), board)
+    found = compared(replace(right, tree=Draft(shorter, Parameters().planning, {}).tree(), report=report), board)
     assert found["unseen"]["published"] == found["unseen"]["rollouts"] > 20
     assert found["unseen"]["planned"] <= 0.1 * found["unseen"]["rollouts"]
     assert found["planned"] >= 0.45 * found["unseen"]["rollouts"]

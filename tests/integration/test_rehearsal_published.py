@@ -22,7 +22,7 @@ from learner.learned import Learned
 from learner.learning import METHODS, learn
 from learner.model import Demonstration, ObjectShape, Scene
 from learner.parameters import Parameters
-from learner.planning.draft import Plan
+from learner.planning.draft import Draft
 from learner.rehearsal.trial import tried
 from pipelines.home import Home
 from pipelines.steps.ingest import ingest
@@ -87,10 +87,10 @@ def test_a_tree_that_fails_every_replay_gets_no_alias_but_latest(store: Artifact
     """A tree that leaves out the last placement: proven in its own world, wrong in ours."""
     demonstrations = sorted_(demonstrated(SCENARIOS["board"], 3, 5))
     right = METHODS["treewright"](demonstrations, Parameters())
-    assert right.plan
-    group = right.plan.understood.groups[0]
-    shorter = replace(right.plan.understood, groups=(replace(group, steps=group.steps[:-1]),))
-    wrong = Learned(Plan(shorter, Parameters(), {}).tree(), {}, ())
+    assert right.draft
+    group = right.draft.understood.groups[0]
+    shorter = replace(right.draft.understood, groups=(replace(group, subgoals=group.subgoals[:-1]),))
+    wrong = Learned(Draft(shorter, Parameters().planning, {}).tree(), {}, ())
     learned = tried(wrong, demonstrations, Parameters())
     assert learned.report["rehearsal"]["done"] == 0
     assert "false success" in str(learned.certificate)

@@ -21,7 +21,7 @@ from learner.model import (
     SetGripper,
 )
 from learner.model.tree import leaf
-from learner.paper.backchaining import Operator, Plan, Planner
+from learner.paper.backchaining import Operator, PlannedTree, Planner
 from learner.paper.pointworld import PointWorld
 
 DOWN, HAND = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.1)
@@ -42,7 +42,7 @@ def operator(action: Action, *guards: Condition, cost: float | None = None) -> O
     return Operator(action, before, action.postconditions, cost or COSTS[type(action)])  # type: ignore[index]
 
 
-def planned(goals: list[Condition], actions: list[Action]) -> Plan:
+def planned(goals: list[Condition], actions: list[Action]) -> PlannedTree:
     return Planner(goals, [operator(action) for action in actions]).plan()
 
 

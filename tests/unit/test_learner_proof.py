@@ -124,15 +124,15 @@ def test_trees_of_too_few_demonstrations_for_a_frame_are_proven_too(name: str, c
 
 @pytest.mark.parametrize("name", ["tower_and_box", "two_goals", "sorting"])
 def test_a_tree_that_forgets_a_part_of_what_was_demonstrated_is_refuted(name: str) -> None:
-    """It reaches what it calls its goal; but the plan knows better."""
+    """It reaches what it calls its goal; but the draft knows better."""
     scenario = SCENARIOS[name]
     learned = METHODS["treewright"](demonstrated(scenario, scenario.least, 31), Parameters())
-    assert learned.plan is not None
+    assert learned.draft is not None
     main, rng = learned.tree.main, np.random.default_rng(0)
     forgetful = Tree(replace(main, root=replace(main.root, children=main.root.children[:-1])), learned.tree.subtrees)
-    assert prove(learned.tree, "base", rng, learned.plan.goal, at_once=False).counterexample is None
+    assert prove(learned.tree, "base", rng, learned.draft.goal, at_once=False).counterexample is None
     assert prove(forgetful, "base", rng).counterexample is None
-    found = prove(forgetful, "base", rng, learned.plan.goal, at_once=False).counterexample
+    found = prove(forgetful, "base", rng, learned.draft.goal, at_once=False).counterexample
     assert "it ends before the task is done" in str(found)
 
 

@@ -26,7 +26,7 @@ from learner.model import (
 )
 from learner.model.names import NONE
 from learner.model.tree import DECORATORS, FALLBACKS, SEQUENCES, leaf, sequence
-from learner.proof.abstract_world import AWAY, FIRST_PLACE, HELD, AbstractWorld, States
+from learner.proof.abstract_world import AWAY, FIRST_LOCATION, HELD, AbstractWorld, States
 from learner.proof.prover import NOTHING, Arena, Keys, Program, Ticks
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
@@ -142,24 +142,24 @@ def possible(locations: tuple[int, ...], closed: bool) -> bool:
 def chain(name: str, at: dict[str, int]) -> list[str] | None:
     """The objects from one on down to that in whose place it ends; None if that is a circle."""
     links = [name]
-    while at.get(links[-1], AWAY) >= FIRST_PLACE:
-        links.append(WORLD.places[links[-1]][at[links[-1]] - FIRST_PLACE].frame)
+    while at.get(links[-1], AWAY) >= FIRST_LOCATION:
+        links.append(WORLD.locations[links[-1]][at[links[-1]] - FIRST_LOCATION].frame)
         if links[-1] in links[:-1]:
             return None
     return links
 
 
 def spot(name: str, links: list[str], at: dict[str, int]) -> tuple[str, np.ndarray]:
-    steps = [WORLD.places[link][at[link] - FIRST_PLACE].position for link in links[:-1]]
+    steps = [WORLD.locations[link][at[link] - FIRST_LOCATION].position for link in links[:-1]]
     return links[-1], np.sum([ZERO, *steps], axis=0)
 
 
 def hangs(name: str, at: dict[str, int], chains: dict, spots: dict) -> bool:
     """A lies beside B, which lies upon another, and nothing is beneath A."""
-    if at[name] < FIRST_PLACE or WORLD.places[name][at[name] - FIRST_PLACE].position != BESIDE:
+    if at[name] < FIRST_LOCATION or WORLD.locations[name][at[name] - FIRST_LOCATION].position != BESIDE:
         return False
     links = chains[name][1:-1]
-    raised = any(WORLD.places[link][at[link] - FIRST_PLACE].position == UPON for link in links)
+    raised = any(WORLD.locations[link][at[link] - FIRST_LOCATION].position == UPON for link in links)
     root, here = spots[name]
     apart = [here - there for its_root, there in spots.values() if its_root == root]
     below = [offset for offset in apart if 0.02 < offset[2] < 0.08 and np.hypot(*offset[:2]) < 0.05]

@@ -19,8 +19,8 @@ from learner.learning import METHODS
 from learner.model import Demonstration, Drop, ObjectAt, Place, Tree
 from learner.model.condition import Condition
 from learner.parameters import Parameters
-from learner.planning.actions import Executables
-from learner.planning.draft import Plan, in_order
+from learner.planning.actions import LearnedActions
+from learner.planning.draft import Draft, in_order
 from learner.planning.recovery import Recovery
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.synthesis import main_id, tree_of
@@ -43,8 +43,8 @@ class Unseeing(Recovery):
 
 
 @dataclass(frozen=True)
-class Weakened(Plan):
-    """A plan that makes the tree worse than it should be, until it is repaired."""
+class Weakened(Draft):
+    """A draft that makes the tree worse than it should be, until it is repaired."""
 
     unseeing: bool = False
     backwards: bool = False
@@ -54,7 +54,7 @@ class Weakened(Plan):
         understood, actions = self.understood, self._actions()
         actions.placements.update(self.placements)
         actions.placements.update({t: replace(actions.placements[t], radius=radius) for t, radius in repairs.radii})
-        groups = [replace(group, steps=in_order(group, repairs)) for group in self._groups()]
+        groups = [replace(group, subgoals=in_order(group, repairs)) for group in self._groups()]
         kind = Unseeing if self.unseeing else Recovery
         recovery = kind(understood.demonstrations, actions, understood.targets, widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
@@ -66,11 +66,11 @@ class Weakened(Plan):
         return {t: replace(p, radius=narrow) for t, p in known.items()} if narrow else known
 
     def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
-        return [[step.target for step in in_order(group, repairs)] for group in self._groups()]
+        return [[subgoal.target for subgoal in in_order(group, repairs)] for group in self._groups()]
 
     def _groups(self):  # type: ignore[no-untyped-def]  # the type of Understanding.groups
         groups = self.understood.groups
-        return [replace(group, steps=group.steps[::-1]) for group in groups] if self.backwards else groups
+        return [replace(group, subgoals=group.subgoals[::-1]) for group in groups] if self.backwards else groups
 
 
 @cache
@@ -79,16 +79,19 @@ def demonstrations_of(name: str) -> tuple[Demonstration, ...]:
 
 
 @cache
-def setting(name: str) -> tuple[Stage, Plan, list[Goal]]:
+def setting(name: str) -> tuple[Stage, Draft, list[Goal]]:
     demonstrations = demonstrations_of(name)
-    stage, plan = Stage(demonstrations), Plan(understand(demonstrations, PARAMETERS.inference), PARAMETERS.planning, {})
-    return stage, plan, goals_of(plan.understood.groups, plan.placements, stage)
+    stage, draft = (
+        Stage(demonstrations),
+        Draft(understand(demonstrations, PARAMETERS.inference), PARAMETERS.planning, {}),
+    )
+    return stage, draft, goals_of(draft.understood.groups, draft.placements, stage)
 
 
 def tried(name: str, **weakness: bool | float) -> list[Attempt]:
     """The attempts at repairing a tree that is weakened on purpose."""
-    stage, plan, goals = setting(name)
-    weak = Weakened(plan.understood, PARAMETERS.planning, {}, **weakness)  # type: ignore[arg-type]  # by name
+    stage, draft, goals = setting(name)
+    weak = Weakened(draft.understood, PARAMETERS.planning, {}, **weakness)  # type: ignore[arg-type]  # by name
     lessons = Lessons(weak.placements, weak.nearest_m, weak.orders, goals, stage.bodies)
     return attempts(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals), lessons.of)
 
@@ -122,56 +125,56 @@ def test_a_tree_that_rehearses_well_is_left_as_it_is() -> None:
 
 
 def test_an_attempt_that_is_no_better_is_not_kept() -> None:
-    stage, plan, goals = setting("tower_and_box")
-    target = plan.understood.targets[0]
+    stage, draft, goals = setting("tower_and_box")
+    target = draft.understood.targets[0]
     worse = tried("tower_and_box", backwards=True)[0].tree
     found = attempts(
-        plan.tree(),
+        draft.tree(),
         lambda _: worse,
         lambda tree: rehearse(tree, stage, goals),
         lambda *_: [Repairs(radii=((target, 0.049),))],
     )
-    assert [attempt.tree for attempt in found] == [plan.tree()]
+    assert [attempt.tree for attempt in found] == [draft.tree()]
 
 
 def test_success_that_the_truth_does_not_bear_out_is_a_false_success() -> None:
-    stage, plan, goals = setting("tower_and_box")
-    group = plan.understood.groups[0]
-    shorter = replace(plan.understood, groups=(replace(group, steps=group.steps[:-1]),))
-    rehearsal = rehearse(Plan(shorter, PARAMETERS.planning, {}).tree(), stage, goals)
+    stage, draft, goals = setting("tower_and_box")
+    group = draft.understood.groups[0]
+    shorter = replace(draft.understood, groups=(replace(group, subgoals=group.subgoals[:-1]),))
+    rehearsal = rehearse(Draft(shorter, PARAMETERS.planning, {}).tree(), stage, goals)
     assert {outcome.verdict for outcome in rehearsal.outcomes if outcome.rollout.kind == "shown"} == {"false success"}
     assert rehearsal.to_data()["false_successes"] > 0
 
 
 def test_a_tree_that_can_do_nothing_makes_no_progress() -> None:
-    stage, plan, goals = setting("object_in_box")
-    names = dict.fromkeys(plan.understood.targets, "nowhere")
-    rehearsal = rehearse(_out_of_reach(plan, names), stage, goals)
+    stage, draft, goals = setting("object_in_box")
+    names = dict.fromkeys(draft.understood.targets, "nowhere")
+    rehearsal = rehearse(_out_of_reach(draft, names), stage, goals)
     assert "done" not in {outcome.verdict for outcome in rehearsal.outcomes}
     assert "out of reach" in str(rehearsal.failures[0])
 
 
-def _out_of_reach(plan: Plan, targets: Mapping[Target, str]) -> Tree:
-    actions = Executables(
-        plan.understood.demonstrations, plan.understood.moves, plan.understood.targets, plan.parameters
+def _out_of_reach(draft: Draft, targets: Mapping[Target, str]) -> Tree:
+    actions = LearnedActions(
+        draft.understood.demonstrations, draft.understood.moves, draft.understood.targets, draft.parameters
     )
     for target in targets:
         actions.placements[target] = replace(actions.placements[target], position=(9.0, 9.0, 0.1))
-    recovery = Recovery(plan.understood.demonstrations, actions, plan.understood.targets)
-    return tree_of("far", plan.understood.groups, actions, recovery)
+    recovery = Recovery(draft.understood.demonstrations, actions, draft.understood.targets)
+    return tree_of("far", draft.understood.groups, actions, recovery)
 
 
 def test_the_same_demonstrations_rehearse_the_same() -> None:
-    stage, plan, goals = setting("decoy")
-    once, again = (rehearse(plan.tree(), stage, goals).to_data() for _ in range(2))
+    stage, draft, goals = setting("decoy")
+    once, again = (rehearse(draft.tree(), stage, goals).to_data() for _ in range(2))
     assert once == again
     assert Stage(demonstrations_of("decoy")[::1]).starts == stage.starts
 
 
 def test_every_imagined_start_leaves_the_task_possible_and_is_not_done_yet() -> None:
     for name in ("board", "hanoi", "towers"):
-        stage, plan, goals = setting(name)
-        picks = frozenset(str(node.port("object")) for node in plan.tree().flattened().walk() if node.kind == "Pick")
+        stage, draft, goals = setting(name)
+        picks = frozenset(str(node.port("object")) for node in draft.tree().flattened().walk() if node.kind == "Pick")
         rollouts = list(imagined(stage, goals, picks))
         kinds = {rollout.kind for rollout in rollouts}
         assert {"shown", "scattered", "partly", "taken", "moved"} <= kinds
@@ -198,8 +201,8 @@ def _rng() -> np.random.Generator:
 
 
 def test_a_tree_compiled_once_forgets_the_world_that_it_leaves() -> None:
-    stage, plan, _ = setting("tower_and_box")
-    actor = Actor(stage.root(plan.tree().flattened()))
+    stage, draft, _ = setting("tower_and_box")
+    actor = Actor(stage.root(draft.tree().flattened()))
     first, second = (stage.world(stage.starts[0].spots, _rng()) for _ in range(2))
     ticker = actor.enter(first)
     for _ in range(25):
@@ -213,10 +216,10 @@ def test_a_tree_compiled_once_forgets_the_world_that_it_leaves() -> None:
 
 
 def test_goals_hold_by_the_papers_radius_whatever_the_tree_looks_for() -> None:
-    stage, plan, goals = setting("tower_and_box")
+    stage, draft, goals = setting("tower_and_box")
     relation = next(relation for relation in goals[0].relations if isinstance(relation, ObjectAt))
     assert relation.radius == 0.05
-    assert max(p.radius for p in plan.placements.values() if isinstance(p, Place)) < 0.05
+    assert max(p.radius for p in draft.placements.values() if isinstance(p, Place)) < 0.05
     world = stage.world(stage.starts[0].spots, _rng())
     x, y, z = relation.position
     world.table.spots[relation.object] = world.spot(relation.frame).compose(Spot(x + 0.04, y, z, 0.0))
@@ -229,8 +232,8 @@ def test_without_shapes_trees_are_rehearsed_among_points() -> None:
     script = [Put("A", "box", (0.0, 0.0, 0.0)), Put("B", "A", (0.0, 0.0, 0.05))]
     demonstrations = repeated(["A", "B", "box"], [script] * 3)
     stage, learned = Stage(demonstrations), METHODS["treewright"](demonstrations, PARAMETERS)
-    assert learned.plan
-    goals = goals_of(learned.plan.understood.groups, learned.plan.placements, stage)
+    assert learned.draft
+    goals = goals_of(learned.draft.understood.groups, learned.draft.placements, stage)
     data = rehearse(learned.tree, stage, goals).to_data()
     assert data["world"] == "points"
     assert data["done"] == data["rollouts"] >= 6
