@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from learner.model import Tree
+from learner.parameters import Parameters
 
 if TYPE_CHECKING:  # the draft is only named here
     from learner.planning.draft import Draft
@@ -18,6 +19,8 @@ class Learned:
     tree: Tree
     report: dict[str, Any]
     notes: tuple[str, ...]
+    parameters: Parameters = field(repr=False, compare=False)
+    """The numbers by which it was learned."""
     certificate: dict[str, Any] | None = None
     """What was proven of the tree: see learner.proof.prover.Certificate."""
     draft: Draft | None = field(default=None, repr=False, compare=False)

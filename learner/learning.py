@@ -46,4 +46,4 @@ def learn(
     ordered = sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
     parameters = parameters or Parameters()
     learned = METHODS[method](ordered, parameters)
-    return tried(learned, ordered, parameters) if rehearsed else proven(learned, ordered[0].base_frame)
+    return tried(learned, ordered) if rehearsed else proven(learned, ordered[0].base_frame)

@@ -8,6 +8,7 @@ from typing import Any
 from learner.inference.parameters import InferenceParameters
 from learner.paper.parameters import PaperParameters
 from learner.planning.parameters import PlanningParameters
+from learner.proof.parameters import ProofParameters
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,7 @@ class Parameters:
     paper: PaperParameters = field(default_factory=PaperParameters)
     inference: InferenceParameters = field(default_factory=InferenceParameters)
     planning: PlanningParameters = field(default_factory=PlanningParameters)
+    proof: ProofParameters = field(default_factory=ProofParameters)
 
     def to_data(self) -> dict[str, Any]:
         """For the manifest."""

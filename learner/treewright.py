@@ -27,7 +27,7 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
     asked = questions(demonstrations, understood.targets, parameters.inference)
     users = agreement(understood, draft.without)
     report, notes = _report(understood, asked, users), _notes(understood, asked, users)
-    return Learned(draft.tree(), report, notes, draft=draft)
+    return Learned(draft.tree(), report, notes, parameters, draft=draft)
 
 
 def _notes(

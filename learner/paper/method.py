@@ -52,7 +52,7 @@ def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameter
         "actions": [_describe(action) for action in sorted(actions.values(), key=repr)],
     }
     notes = tuple(_unreached(m) for m, plan in zip(members, plans, strict=True) if not plan.reached)
-    return Learned(Tree(Definition(main_id(demonstrations), root)), report, notes)
+    return Learned(Tree(Definition(main_id(demonstrations), root)), report, notes, parameters)
 
 
 def _unreached(members: Sequence[str]) -> str:

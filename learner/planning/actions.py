@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,15 +13,11 @@ from learner.inference.moves import Move
 from learner.inference.targets import Target
 from learner.model import DemonstratedAction, Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
 from learner.model.demonstration import Symmetry
+from learner.model.pose import Array
 from learner.planning.grasps import Upright
 from learner.planning.parameters import PlanningParameters
 from learner.planning.rounding import rounded, rounded_pose, rounded_vector
 from learner.planning.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
-
-RAISED = 0.7
-"""A radius is at most this share of the lowest object's height: what stands upon another is not in its place."""
-RELEASE_CLEARANCE_M = 0.005
-"""How far above its rest an object is let go where the operator's label of a drop was corrected to a placement."""
 
 
 class LearnedActions:
@@ -39,8 +37,18 @@ class LearnedActions:
             self.picks[move.object].append(move.pick)
         self.axes = {name: upright_axis([p.objects[name] for p in self.picks[name]]) for name in sorted(self.picks)}
         self.grasps = {name: self._grasp(name) for name in self.axes}
-        self.nearest_m = nearest_rests_m(demonstrations, moves, targets)
-        self.placements: dict[Target, Place | Drop] = {target: self._placement(target) for target in targets}
+        self.nearest_m = nearest_rests_m(demonstrations, moves, targets, parameters.same_rest_m)
+        self.placements: Mapping[Target, Place | Drop] = {target: self._placement(target) for target in targets}
+
+    def with_radii(self, radii: Iterable[tuple[Target, float]]) -> LearnedActions:
+        """The same actions with other radii [m] of some targets' conditions."""
+        return self.with_placements({t: replace(self.placements[t], radius=radius) for t, radius in radii})
+
+    def with_placements(self, placements: Mapping[Target, Place | Drop]) -> LearnedActions:
+        """The same actions with other placements of some targets."""
+        other = copy(self)
+        other.placements = {**self.placements, **placements}
+        return other
 
     def pick(self, name: str) -> Pick:
         """The mean grasp of an object, in its own frame."""
@@ -90,31 +98,37 @@ class LearnedActions:
         ]
 
     def _mean(self, name: str, grasps: Sequence[Pose]) -> Pose:
-        return mean_in_object(grasps, self._symmetry(name), self.axes[name], self.parameters.aligned_rad)
+        return mean_in_object(grasps, self._symmetry(name), self.axes[name], self.parameters.means)
 
     def _agreeing(self, name: str, grasps: Sequence[Pose], mean: Pose) -> list[Pose]:
         orientation = np.array(mean.quaternion_xyzw)
         symmetry, axis = self._symmetry(name), self.axes[name]
-        return agreeing_in_object(grasps, orientation, symmetry, axis, self.parameters.aligned_rad)
+        return agreeing_in_object(grasps, orientation, symmetry, axis, self.parameters.means)
 
     def _placement(self, target: Target) -> Place | Drop:
         name, p = target.object, self.parameters
         axis, symmetry = self.axes[name], self._symmetry(name)
-        release = mean_of_object(target.releases, symmetry, axis, p.aligned_rad)
+        release = mean_of_object(target.releases, symmetry, axis, p.means)
         if target.verdict.corrected and target.verdict.type == "place":
             release = self._lowered(target, release)
         hand = rounded_pose(release @ self.grasps[name])
-        rest = rounded_vector(robust_mean(np.array([pose.position for pose in target.rests])))
+        rest = rounded_vector(self._rest(target))
         if target.verdict.type == "place":
             return Place(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._place_radius(target))
         return Drop(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._drop_radius(target))
 
+    def _rest(self, target: Target) -> Array:
+        """Where (3,) the object came to rest, in the frame of the target."""
+        return robust_mean(np.array([pose.position for pose in target.rests]), self.parameters.means)
+
     def _lowered(self, target: Target, release: Pose) -> Pose:
         """The release brought down to just above the rest: what was dropped upon something is placed upon it."""
-        rest = robust_mean(np.array([pose.position for pose in target.rests]))
+        rest = self._rest(target)
         fall = np.array(release.position) - rest
         height = float(np.linalg.norm(fall))
-        return Pose.of(rest + fall * min(1.0, RELEASE_CLEARANCE_M / max(height, 1e-9)), release.quaternion_xyzw)
+        return Pose.of(
+            rest + fall * min(1.0, self.parameters.release_clearance_m / max(height, 1e-9)), release.quaternion_xyzw
+        )
 
     def _place_radius(self, target: Target) -> float:
         """From the spread of the rests, and less where neighbours or what is stacked must be told apart."""
@@ -122,16 +136,16 @@ class LearnedActions:
         rests = np.array([pose.position for pose in target.rests])
         sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
         wide = p.noise_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
-        apart = 0.49 * self.nearest_m.get(target, np.inf)
+        apart = p.apart * self.nearest_m.get(target, np.inf)
         least = min(p.place_radius_m, max(p.least_radius_m, p.sigmas_seen * self._seen_m(target, rests)))
-        return rounded(max(least, min(p.place_radius_m, wide, apart, RAISED * self._lowest_m())))
+        return rounded(max(least, min(p.place_radius_m, wide, apart, p.below_lowest * self._lowest_m())))
 
     def _seen_m(self, target: Target, rests: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
         """The scatter [m] per axis of what a camera sees of an object in a frame that it sees turned, too."""
         if target.frame == self.demonstrations[0].base_frame:
             return self.parameters.seen_m
         lever_m = float(np.linalg.norm(np.median(rests, axis=0)))
-        return float(np.hypot(np.sqrt(2.0) * self.parameters.seen_m, self.parameters.seen_rad * lever_m))
+        return float(np.hypot(np.sqrt(2) * self.parameters.seen_m, self.parameters.seen_rad * lever_m))
 
     def _lowest_m(self) -> float:
         """The height [m] of the lowest object that is picked, as it stands; infinite where no scene tells it."""
@@ -142,11 +156,11 @@ class LearnedActions:
     def _drop_radius(self, target: Target) -> float:
         """The paper's, but not wider than the container dropped into, where its shape is known."""
         p, shape = self.parameters, self._shape(target.frame)
-        rest = robust_mean(np.array([pose.position for pose in target.rests]))
+        rest = self._rest(target)
         sides = sorted(shape.size_m)[1:]
         inside = min(sides) / 2 if min(sides) > 0 else np.inf
         contained = inside if np.linalg.norm(rest) < max(shape.size_m) / 2 else np.inf
-        apart = 0.49 * self.nearest_m.get(target, np.inf)
+        apart = p.apart * self.nearest_m.get(target, np.inf)
         return rounded(max(p.least_radius_m, min(p.drop_radius_m, contained, max(apart, p.place_radius_m))))
 
 
@@ -158,12 +172,12 @@ def scene_of(demonstrations: Sequence[Demonstration]) -> Scene | None:
 
 
 def nearest_rests_m(
-    demonstrations: Sequence[Demonstration], moves: Sequence[Move], targets: Sequence[Target]
+    demonstrations: Sequence[Demonstration], moves: Sequence[Move], targets: Sequence[Target], same_m: float
 ) -> Mapping[Target, float]:
     """For each target the distance [m] to the nearest other target reached in one demonstration, in the base.
 
     The median over demonstrations of the distance between rests. Targets that are never reached in one
-    demonstration do not count, nor do two equal places of one object.
+    demonstration do not count, nor do equal places, which are nearer than `same_m` [m].
     """
     rests: dict[int, dict[Target, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]] = defaultdict(dict)
     for target in targets:
@@ -181,6 +195,6 @@ def nearest_rests_m(
     nearest: dict[Target, float] = {}
     for (a, _), values in distances.items():
         middle = float(np.median(values))
-        if middle > 0.02:
+        if middle > same_m:
             nearest[a] = min(middle, nearest.get(a, np.inf))
     return nearest

@@ -33,10 +33,7 @@ class Draft:
     def tree(self, repairs: Repairs = NOTHING) -> Tree:
         """The tree, with what a rehearsal has taught."""
         understood = self.understood
-        actions = self._actions()
-        actions.placements.update(
-            {target: replace(actions.placements[target], radius=radius) for target, radius in repairs.radii}
-        )
+        actions = self.actions.with_radii(repairs.radii)
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in understood.groups]
         recovery = Recovery(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
@@ -49,13 +46,19 @@ class Draft:
 
     def nominal_tree(self) -> Tree:
         """The tree without the SubTrees that only recover; much faster made than those are."""
-        groups, actions = self.understood.groups, self._actions()
+        groups, actions = self.understood.groups, self.actions
         return tree_of(main_id(self.understood.demonstrations), groups, actions, _NoRecovery())
 
     @cached_property
+    def actions(self) -> LearnedActions:
+        """The actions as they were demonstrated; worked out once, since nothing changes them."""
+        understood = self.understood
+        return LearnedActions(understood.demonstrations, understood.moves, understood.targets, self.parameters)
+
+    @property
     def placements(self) -> Mapping[Target, Place | Drop]:
         """How each target is reached, as it was demonstrated."""
-        return self._actions().placements
+        return self.actions.placements
 
     @cached_property
     def goal(self) -> Node:
@@ -72,14 +75,10 @@ class Draft:
         """The goals of each group as the tree pursues them."""
         return [[subgoal.target for subgoal in in_order(group, repairs)] for group in self.understood.groups]
 
-    @cached_property
+    @property
     def nearest_m(self) -> Mapping[Target, float]:
         """For each target the distance [m] to the nearest other one."""
-        return self._actions().nearest_m
-
-    def _actions(self) -> LearnedActions:
-        understood = self.understood
-        return LearnedActions(understood.demonstrations, understood.moves, understood.targets, self.parameters)
+        return self.actions.nearest_m
 
 
 class _NoRecovery(Recovery):

@@ -7,19 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from learner.model import ObjectShape, Pose
 from learner.model.pose import Array, cross, multiply
-
-STROKE_M: Final = 0.08
-"""What is wider in both directions is not grasped unless it was demonstrated: a parallel gripper opens about so far."""
-SQUARE_M: Final = 0.01
-"""Sides that differ by less are alike to a gripper."""
-UPRIGHT: Final = 0.999
-"""Two axes whose cosine is above this are one."""
+from learner.planning.parameters import GraspParameters
 
 
 @dataclass(frozen=True)
@@ -45,22 +38,22 @@ class Upright:
         a, b = sorted(size for axis, size in enumerate(self.shape.size_m) if axis != self.axis)
         return a, b
 
-    @property
-    def fits(self) -> bool:
-        """Whether a gripper spans it in one direction."""
-        return 0.0 < self.sides_m[0] <= STROKE_M
+    def fits(self, stroke_m: float) -> bool:
+        """Whether a gripper that opens so far spans it in one direction."""
+        return 0.0 < self.sides_m[0] <= stroke_m
 
-    @property
-    def square(self) -> bool:
+    def is_square(self, within_m: float) -> bool:
         """Whether a gripper may as well close across the other side."""
-        return self.sides_m[1] - self.sides_m[0] < SQUARE_M
+        return self.sides_m[1] - self.sides_m[0] < within_m
 
     def distance_m(self, other: Upright) -> float:
         """How much two shapes differ as they stand [m]."""
         return float(np.linalg.norm(np.subtract((*self.sides_m, self.height_m), (*other.sides_m, other.height_m))))
 
 
-def borrowed_grasp(of: Upright, grasps: Mapping[str, Pose], known: Mapping[str, Upright]) -> Pose | None:
+def borrowed_grasp(
+    of: Upright, grasps: Mapping[str, Pose], known: Mapping[str, Upright], parameters: GraspParameters
+) -> Pose | None:
     """The end-effector's pose in the frame of an object that was never picked; None where it is too wide.
 
     As the most similar object in `known` is grasped, whose grasp `grasps` holds: from the same side, at the same share
@@ -70,12 +63,12 @@ def borrowed_grasp(of: Upright, grasps: Mapping[str, Pose], known: Mapping[str, 
     if not models:
         return None
     model, grasp = known[models[0]], grasps[models[0]]
-    if model.shape == of.shape and float(model.up @ of.up) > UPRIGHT:
+    if model.shape == of.shape and float(model.up @ of.up) > parameters.parallel:
         return grasp
-    if not of.fits:
+    if not of.fits(parameters.stroke_m):
         return None
     share = float(np.array(grasp.position) @ model.up) / max(model.height_m, 1e-9)
-    turn = _turn(model.up, of.up)
+    turn = _turn(model.up, of.up, parameters.parallel)
     return Pose.of(of.up * share * of.height_m, multiply(turn, np.array(grasp.quaternion_xyzw)))
 
 
@@ -85,10 +78,10 @@ def quarter_turned(grasp: Pose, up: Array) -> Pose:
     return quarter @ grasp
 
 
-def _turn(a: Array, b: Array) -> Array:
+def _turn(a: Array, b: Array, parallel: float) -> Array:
     """The least rotation (4,) that brings direction a to direction b; about x, or y, where they are opposite."""
     cosine = float(a @ b)
-    if cosine < -UPRIGHT:
+    if cosine < -parallel:
         return np.array([0.0, 1.0, 0.0, 0.0]) if abs(a[0]) > 0.5 else np.array([1.0, 0.0, 0.0, 0.0])
     quaternion = np.append(cross(a, b), 1.0 + cosine)
     return np.asarray(quaternion / np.linalg.norm(quaternion))

@@ -3,17 +3,83 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 
 
 @dataclass(frozen=True)
-class PlanningParameters:
-    """How grasps, placements and their radii are made."""
+class MeanParameters:
+    """How the mean of poses is formed of which some are wrong."""
+
+    aligned_rad: float = math.radians(12)
+    """Orientations within this of the densest are averaged with it: several times the hand's noise, within a grasp's
+    tolerance."""
+    references: int = 100
+    """At most so many of the poses are tried as the one that the others are turned to."""
+    outlying: float = 3.0
+    """A position is left out if it is further from the median than this many median distances ..."""
+    outlying_m: float = 0.005
+    """... and than this: nearer, noise alone explains it."""
+
+
+@dataclass(frozen=True)
+class GraspParameters:
+    """Which objects that nobody picked a gripper can grasp, and how."""
+
+    stroke_m: float = 0.08
+    """What is wider in both directions is not grasped unless it was demonstrated: a parallel gripper opens about so
+    far."""
+    square_m: float = 0.01
+    """Sides that differ by less are alike to a gripper."""
+    parallel: float = 0.999
+    """Two axes whose cosine is above this are one."""
+
+
+@dataclass(frozen=True)
+class RecoveryParameters:
+    """What covers and occupies, and where things are put aside."""
 
     levels: int = 5
     """So many objects upon one are taken down."""
+    cover_radius_m: float = 0.035
+    """An object's origin this near to the middle of the place above another covers it, where no scene tells sizes."""
+    edge_m: float = 0.01
+    """An object whose middle is further off than the edge of what it lies upon, and this much, would fall."""
+    merged_m: float = 0.015
+    """Heights of piles that differ by less are looked for at their mean ..."""
+    mixed_radius_m: float = 0.025
+    """... and within this, where the objects' heights differ."""
+    upright: float = 0.5
+    """The directions that pointed up are averaged; if the mean is shorter than this, they tell nothing."""
+    occupies: float = 0.9
+    """An object this near to a place, in parts of what both need side by side, leaves no room there for the other."""
+    touch_m: float = 0.005
+    """Between outlines nearer than this perception sees no gap."""
+    on_table_m: float = 0.015
+    """An object at most this much higher than the lowest of its shape stood on the table."""
+    beside_m: float = 0.015
+    """What rests further from the upright axis of an object is beside it, not upon it."""
+    spots: int = 6
+    """So many spots are tried for what is put aside."""
+    inner: float = 0.75
+    """They are among this share of the places where objects have lain, those furthest inside."""
+    raised_m: float = 0.003
+    """What is put aside is let go this much above the table."""
+    wide_m: float = 0.12
+    """Objects that are wider keep a spot from being free within their reach, not only near their origin."""
+    ring: int = 6
+    ring_m: float = 0.16
+    """So many points around a spot, at this distance, are looked at for wide objects."""
+
+
+@dataclass(frozen=True)
+class PlanningParameters:
+    """How grasps, placements and their radii are made, and what recovers."""
+
+    means: MeanParameters = field(default_factory=MeanParameters)
+    grasps: GraspParameters = field(default_factory=GraspParameters)
+    recovery: RecoveryParameters = field(default_factory=RecoveryParameters)
     min_samples: int = 3
     """So many grasps or rests tell their own mean and spread (paper, section III-E)."""
     place_radius_m: float = PLACE_RADIUS_M
@@ -31,6 +97,11 @@ class PlanningParameters:
     """No radius is below so many standard deviations of what is seen: far from the frame's origin turns matter most."""
     spread_radii: float = 4.0
     """A radius is this many standard deviations of the rests, plus the radius for the noise of perception."""
-    aligned_rad: float = math.radians(12)
-    """Orientations within this of the densest are averaged with it: several times the hand's noise, within a grasp's
-    tolerance."""
+    apart: float = 0.49
+    """A radius is at most this share of the distance to the nearest other target: the two spheres do not meet."""
+    same_rest_m: float = 0.02
+    """Targets nearer than this in the base are equal places, and need not be told apart."""
+    below_lowest: float = 0.7
+    """A radius is at most this share of the lowest object's height: what stands upon another is not in its place."""
+    release_clearance_m: float = 0.005
+    """How far above its rest an object is let go where the operator's label of a drop was corrected to a placement."""

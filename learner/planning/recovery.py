@@ -24,35 +24,6 @@ from learner.planning.actions import LearnedActions
 from learner.planning.grasps import Upright, borrowed_grasp, quarter_turned
 from learner.planning.rounding import rounded, rounded_pose, rounded_vector
 
-COVER_RADIUS_M = 0.035
-"""An object's origin this near to the middle of the place above another covers it, where no scene tells their sizes."""
-EDGE_M = 0.01
-"""An object whose middle is further off than the edge of what it lies upon, and this much, would fall."""
-OCCUPIES = 0.9
-"""An object this near to a place, in parts of what both need side by side, leaves no room there for the other."""
-TOUCH_M = 0.005
-"""Between outlines nearer than this perception sees no gap."""
-SPOTS = 6
-"""So many spots are tried for what is put aside."""
-INNER = 0.75
-"""They are among this share of the places where objects have lain, those furthest inside."""
-MERGED_M = 0.015
-"""Heights of piles that differ by less are looked for at their mean ..."""
-MIXED_RADIUS_M = 0.025
-"""... and within this, where the objects' heights differ."""
-ON_TABLE_M = 0.015
-"""An object at most this much higher than the lowest of its shape stood on the table."""
-WIDE_M = 0.12
-"""Objects that are wider keep a spot from being free within their reach, not only near their origin."""
-RAISED_M = 0.003
-"""What is put aside is let go this much above the table."""
-
-BESIDE_M = 0.015
-"""What rests further from the upright axis of an object is beside it, not upon it."""
-
-RING, RING_M = 6, 0.16
-"""So many points around a spot, at this distance, are looked at for wide objects."""
-
 PUT_DOWN = f"{RECOVERY_PREFIX}PutDown"
 SPOT_FREE = f"{RECOVERY_PREFIX}SpotIsFree"
 
@@ -87,6 +58,7 @@ class Recovery:
         widened: frozenset[tuple[Target, str]] = frozenset(),
     ) -> None:
         self.demonstrations, self.actions, self.targets, self.widened = demonstrations, actions, targets, widened
+        self.numbers = actions.parameters.recovery
         self.base = demonstrations[0].base_frame
         self.ids = distinct_identifiers({name for d in demonstrations for name in (*d.objects, d.base_frame)})
         self.picks = self._picks()
@@ -190,7 +162,7 @@ class Recovery:
             name: Upright(shape, self._up(name)) for name, shape in sorted(scene.objects.items()) if name in seen
         } if scene else {}  # fmt: skip
         for name in sorted(set(uprights) - set(picks)):
-            grasp = borrowed_grasp(uprights[name], self.actions.grasps, uprights)
+            grasp = borrowed_grasp(uprights[name], self.actions.grasps, uprights, self.actions.parameters.grasps)
             if grasp is not None:
                 hand = rounded_pose(grasp)
                 picks[name] = Pick(name, name, hand.position, hand.quaternion_xyzw)
@@ -202,7 +174,11 @@ class Recovery:
         scene = self.actions.scene
         for name, pick in self.picks.items() if scene else ():
             shape = scene.objects.get(name) if scene else None
-            guessed = name not in self.actions.grasps and shape is not None and not self._upright(name).square
+            guessed = (
+                name not in self.actions.grasps
+                and shape is not None
+                and not self._upright(name).is_square(self.actions.parameters.grasps.square_m)
+            )
             if guessed or (shape is not None and shape.symmetry in ("cube", "vertical")):
                 hand = rounded_pose(quarter_turned(self.actions.grasp_of(pick), self.ups[name]))
                 turned[name] = replace(pick, position=hand.position, orientation=hand.quaternion_xyzw)
@@ -235,15 +211,14 @@ class Recovery:
         releases = (self.actions.moves[number].release for target in others for number in target.members)
         rests = (r.rest[name].position for r in releases if r and r.rest and name in r.rest)
         up = self.ups[name]
-        return any(float(np.linalg.norm(cross(up, np.array(rest)))) > BESIDE_M for rest in rests)
+        return any(float(np.linalg.norm(cross(up, np.array(rest)))) > self.numbers.beside_m for rest in rests)
 
     def _covers(self) -> list[Cover]:
         """Every covering that is possible (with a scene) or was demonstrated, the highest in a pile first."""
         scene = self.actions.scene
         if scene is None:
             upon = {(target.object, *target.upon) for target in self.targets if target.upon}
-            return [Cover(x, o, rounded_vector(at), COVER_RADIUS_M) for x, o, at in sorted(upon)]
-        levels = self.actions.parameters.levels
+            return [Cover(x, o, rounded_vector(at), self.numbers.cover_radius_m) for x, o, at in sorted(upon)]
         known = [name for name in self.picks if name in scene.objects]
         heights = {name: self._upright(name).height_m for name in known}
         covers = [
@@ -251,16 +226,20 @@ class Recovery:
             for o in known
             for x in known
             if x != o
-            for between_m in _sums([heights[other] for other in known if other not in (x, o)], levels)
+            for between_m in _sums(
+                [heights[other] for other in known if other not in (x, o)], self.numbers.levels, self.numbers.merged_m
+            )
         ]
-        mixed = max(heights.values(), default=0.0) - min(heights.values(), default=0.0) > EDGE_M
+        mixed = max(heights.values(), default=0.0) - min(heights.values(), default=0.0) > self.numbers.edge_m
         return [self._cover(*cover, mixed) for cover in sorted(covers, key=lambda cover: -cover[0])]
 
     def _cover(self, height_m: float, x: str, o: str, direct: bool, mixed: bool) -> Cover:
         """x upon o, its middle so high above that of o; where heights are mixed, others between are told apart."""
-        radius = min(PLACE_RADIUS_M, self._upright(o).sides_m[1] / 2 + EDGE_M)
+        radius = min(PLACE_RADIUS_M, self._upright(o).sides_m[1] / 2 + self.numbers.edge_m)
         position = rounded_vector(self.ups[o] * height_m)
-        return Cover(x, o, position, rounded(radius if direct or not mixed else min(radius, MIXED_RADIUS_M)), direct)
+        return Cover(
+            x, o, position, rounded(radius if direct or not mixed else min(radius, self.numbers.mixed_radius_m)), direct
+        )
 
     def _upright(self, name: str) -> Upright:
         scene = self.actions.scene
@@ -274,7 +253,7 @@ class Recovery:
         ]
         up = rotate(conjugate(np.array(quaternions)), np.array([0.0, 0.0, 1.0])).mean(axis=0)
         norm = float(np.linalg.norm(up))
-        return np.asarray(up / norm) if norm > 0.5 else np.array([0.0, 0.0, 1.0])
+        return np.asarray(up / norm) if norm > self.numbers.upright else np.array([0.0, 0.0, 1.0])
 
     def _occupations(self, target: Target) -> list[ObjectAt | ObjectRoughlyAt]:
         """Which other objects may occupy the place of a target. Dropping needs no free place."""
@@ -293,13 +272,15 @@ class Recovery:
         """The distance [m] of two origins below which one leaves no room for the other."""
         scene = self.actions.scene
         sides = [self._upright(name).sides_m[0] for name in (a, b) if scene and name in scene.objects]
-        return rounded(min(PLACE_RADIUS_M, OCCUPIES * sum(sides) / len(sides) if sides else PLACE_RADIUS_M))
+        return rounded(
+            min(PLACE_RADIUS_M, self.numbers.occupies * sum(sides) / len(sides) if sides else PLACE_RADIUS_M)
+        )
 
     def _touching_m(self, a: str, b: str) -> float:
         """The distance [m] of two origins below which the outlines may touch, whatever the yaws."""
         scene = self.actions.scene
         sizes = [scene.objects[name].size_m[:2] for name in (a, b) if scene and name in scene.objects]
-        return rounded(min(DROP_RADIUS_M, TOUCH_M + sum(float(np.hypot(x, y)) for x, y in sizes) / 2))
+        return rounded(min(DROP_RADIUS_M, self.numbers.touch_m + sum(float(np.hypot(x, y)) for x, y in sizes) / 2))
 
     def _raised(self, subgoal: Subgoal) -> list[Cover]:
         """What the reference may have been put upon, so that nothing could be placed beside it.
@@ -311,7 +292,7 @@ class Recovery:
         heights = [m.release.objects[frame].position[2] for m in moves if m.release and frame in m.release.objects]
         if frame not in self.picks or not heights or self.actions.scene is None:
             return []
-        on_table = float(np.median(heights)) < min(self._initial_heights(frame)) + ON_TABLE_M
+        on_table = float(np.median(heights)) < min(self._initial_heights(frame)) + self.numbers.on_table_m
         return [cover for cover in self.covers if cover.object == frame and cover.direct] if on_table else []
 
     def _covers_of(self, name: str) -> list[Cover]:
@@ -361,15 +342,19 @@ class Recovery:
     def _around(self, spot: Array) -> dict[str, Value]:
         """The ports of SpotIsFree: the spot, and, where wide objects are known, six points around it."""
         ports: dict[str, Value] = {"position": rounded_vector((spot[0], spot[1], 0.0))}
-        for k in range(RING if self._wide() else 0):
-            angle = 2 * np.pi * k / RING
-            x, y = spot + RING_M * np.array([np.cos(angle), np.sin(angle)])
+        for k in range(self.numbers.ring if self._wide() else 0):
+            angle = 2 * np.pi * k / self.numbers.ring
+            x, y = spot + self.numbers.ring_m * np.array([np.cos(angle), np.sin(angle)])
             ports[f"position_{k + 1}"] = rounded_vector((x, y, 0.0))
         return ports
 
     def _wide(self) -> list[str]:
         scene = self.actions.scene
-        return [name for name, shape in sorted(scene.objects.items()) if max(shape.size_m) > WIDE_M] if scene else []
+        return (
+            [name for name, shape in sorted(scene.objects.items()) if max(shape.size_m) > self.numbers.wide_m]
+            if scene
+            else []
+        )
 
     def _spots(self) -> list[Array]:
         """Spots (2,) in the base where objects have lain and the robot has reached.
@@ -386,10 +371,12 @@ class Recovery:
             ]
         )
         outside = np.linalg.norm(seen - np.median(seen, axis=0), axis=1)
-        inside = seen[np.argsort(outside, kind="stable")[: max(SPOTS, round(INNER * len(seen)))]]
+        inside = seen[
+            np.argsort(outside, kind="stable")[: max(self.numbers.spots, round(self.numbers.inner * len(seen)))]
+        ]
         places = [np.array(self.actions.placements[t].rest[:2]) for t in self.targets if t.frame == self.base]
         chosen: list[Array] = [] if places else [inside[0]]
-        while len(chosen) < min(SPOTS, len(inside)):
+        while len(chosen) < min(self.numbers.spots, len(inside)):
             away = np.linalg.norm(inside[:, None] - np.array([*places, *chosen])[None], axis=2).min(axis=1)
             chosen.append(inside[int(np.argmax(away))])
         return chosen
@@ -399,7 +386,7 @@ class Recovery:
         poses = [d.first_seen[name] for d in self.demonstrations if name in d.first_seen]
         lowest = min(poses, key=lambda pose: pose.position[2])
         height = min(self._initial_heights(name))
-        return Pose.of((spot[0], spot[1], height + RAISED_M), lowest.quaternion_xyzw)
+        return Pose.of((spot[0], spot[1], height + self.numbers.raised_m), lowest.quaternion_xyzw)
 
     def _initial_heights(self, name: str) -> list[float]:
         """Heights [m] at which the object, or one of the same shape, was first seen."""
@@ -417,7 +404,7 @@ class Recovery:
         """No object is near the spot at the port `position`, no wide one near the points around it."""
         names = sorted({name for d in self.demonstrations for name in d.objects})
         checks = [self._near(name, "position") for name in names]
-        checks += [self._near(name, f"position_{k + 1}") for name in self._wide() for k in range(RING)]
+        checks += [self._near(name, f"position_{k + 1}") for name in self._wide() for k in range(self.numbers.ring)]
         return sequence(*(Node("Inverter", (), (check,)) for check in checks))
 
     def _near(self, name: str, port: str) -> Node:
@@ -425,12 +412,14 @@ class Recovery:
         return replace(template, ports=tuple(sorted({**dict(template.ports), "position": f"{{{port}}}"}.items())))
 
 
-def _sums(heights_m: Sequence[float], levels: int) -> list[float]:
-    """How high [m] none to `levels` - 1 things of these heights may be upon each other; near sums count as one."""
+def _sums(heights_m: Sequence[float], levels: int, merged_m: float) -> list[float]:
+    """How high [m] none to `levels` - 1 things of these heights may be upon each other; sums nearer than
+    `merged_m` [m] count as one.
+    """
     sums = sorted({round(sum(some), 3) for n in range(1, levels) for some in combinations(heights_m, n)})
     merged: list[list[float]] = []
     for total in sums:
-        if merged and total - merged[-1][0] < MERGED_M:
+        if merged and total - merged[-1][0] < merged_m:
             merged[-1].append(total)
         else:
             merged.append([total])

@@ -13,11 +13,10 @@ import numpy as np
 from learner.model import Pose
 from learner.model.demonstration import Symmetry
 from learner.model.pose import Array, angle_between, conjugate, mean_quaternion, multiply, rotate
+from learner.planning.parameters import MeanParameters
 
 QUARTERS = {"none": 1, "box": 2, "cube": 4}
 """How many turns about an upright axis leave a shape as it is; `vertical` admits any turn about its z axis."""
-REFERENCES = 100
-"""So many of the poses at the most are tried as the one that the others are turned to."""
 
 
 def upright_axis(poses_in_base: Sequence[Pose]) -> Array:
@@ -47,7 +46,7 @@ def nearest_turns(relative: Array, symmetry: Symmetry, axis: Array) -> Array:
     return np.asarray(candidates[np.argmax(np.abs(relative @ candidates.T), axis=-1)])
 
 
-def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, aligned_rad: float) -> Pose:
+def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
     """The mean of poses given in an object's frame (grasps), modulo the object's symmetry.
 
     The others are turned to the pose that most of them agree with; those that do not, at any turn, are left out. Of an
@@ -59,27 +58,26 @@ def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, align
         turn = nearest_turns(multiply(reference, conjugate(quaternions)), symmetry, axis)
         return turn, multiply(turn, quaternions)
 
-    turn, aligned, agreeing = _most_agreeing(quaternions, turned, aligned_rad)
+    turn, aligned, agreeing = _most_agreeing(quaternions, turned, parameters)
     mean = mean_quaternion(aligned[agreeing])
     if symmetry == "none":
         quarter = nearest_turns(multiply(mean, conjugate(quaternions)), "cube", axis)
-        agreeing = angle_between(multiply(quarter, quaternions), mean) < aligned_rad
+        agreeing = angle_between(multiply(quarter, quaternions), mean) < parameters.aligned_rad
     positions = rotate(turn, np.array([pose.position for pose in poses]))
-    return Pose.of(robust_mean(positions[agreeing]), mean)
+    return Pose.of(robust_mean(positions[agreeing], parameters), mean)
 
 
 def agreeing_in_object(
-    poses: Sequence[Pose], orientation: Array, symmetry: Symmetry, axis: Array, aligned_rad: float
+    poses: Sequence[Pose], orientation: Array, symmetry: Symmetry, axis: Array, parameters: MeanParameters
 ) -> list[Pose]:
-    """Those of `poses` in an object's frame that some turn that looks the same brings to within `aligned_rad` of
-    `orientation` (4,)."""
+    """Those of `poses` in an object's frame that some turn that looks the same brings near `orientation` (4,)."""
     quaternions = np.array([pose.quaternion_xyzw for pose in poses])
     turn = nearest_turns(multiply(orientation, conjugate(quaternions)), symmetry, axis)
-    near = angle_between(multiply(turn, quaternions), orientation) < aligned_rad
+    near = angle_between(multiply(turn, quaternions), orientation) < parameters.aligned_rad
     return [pose for pose, agrees in zip(poses, near, strict=True) if agrees]
 
 
-def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, aligned_rad: float) -> Pose:
+def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
     """The mean of an object's poses in some frame (rests), modulo the turns of the object about its own `axis`."""
     quaternions = np.array([pose.quaternion_xyzw for pose in poses])
 
@@ -87,32 +85,32 @@ def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, align
         turn = nearest_turns(multiply(conjugate(quaternions), reference), symmetry, axis)
         return turn, multiply(quaternions, turn)
 
-    _, aligned, agreeing = _most_agreeing(quaternions, turned, aligned_rad)
-    position = robust_mean(np.array([pose.position for pose in poses]))
+    _, aligned, agreeing = _most_agreeing(quaternions, turned, parameters)
+    position = robust_mean(np.array([pose.position for pose in poses]), parameters)
     return Pose.of(position, mean_quaternion(aligned[agreeing]))
 
 
 def _most_agreeing(
-    quaternions: Array, turned: Callable[[Array], tuple[Array, Array]], aligned_rad: float
+    quaternions: Array, turned: Callable[[Array], tuple[Array, Array]], parameters: MeanParameters
 ) -> tuple[Array, Array, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
     """The turns (n, 4) to the best reference, the orientations so turned (n, 4), and which agree with it (n,).
 
     The best reference is the one about which the orientations lie densest.
     """
-    step = max(1, len(quaternions) // REFERENCES)
+    step = max(1, len(quaternions) // parameters.references)
     densest, best = -1.0, (quaternions, quaternions, np.ones(len(quaternions), dtype=np.bool_))
     for reference in quaternions[::step]:
         turn, aligned = turned(reference)
         angles = 2 * np.arccos(np.clip(np.abs(aligned @ reference), 0.0, 1.0))
-        density = float(np.exp(-((2 * angles / aligned_rad) ** 2)).sum())
+        density = float(np.exp(-((2 * angles / parameters.aligned_rad) ** 2)).sum())
         if density > densest + 1e-9:
-            densest, best = density, (turn, aligned, angles < aligned_rad)
+            densest, best = density, (turn, aligned, angles < parameters.aligned_rad)
     return best
 
 
-def robust_mean(points: Array, floor_m: float = 0.005) -> Array:
-    """The mean (3,) of `points` (n, 3) without those that lie far from the median: beyond three median distances."""
+def robust_mean(points: Array, parameters: MeanParameters) -> Array:
+    """The mean (3,) of `points` (n, 3) without those that lie far from the median, as `parameters` say."""
     median = np.median(points, axis=0)
     distances = np.linalg.norm(points - median, axis=1)
-    near = distances <= max(3 * float(np.median(distances)), floor_m)
+    near = distances <= max(parameters.outlying * float(np.median(distances)), parameters.outlying_m)
     return np.asarray(points[near].mean(axis=0))

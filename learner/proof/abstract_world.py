@@ -27,22 +27,6 @@ from learner.proof.parameters import ProofParameters
 AWAY: Final = 0
 HELD: Final = 1
 FIRST_LOCATION: Final = 2
-SAME_M: Final = 0.015
-"""Two positions in one frame this near are one location."""
-RESTS_M: Final = 0.03
-"""A placement leads to the location in its frame this near to where the object is let go."""
-OVERLAP_M: Final = 0.03
-"""Nearer than this two objects cannot lie beside each other; one that much higher or lower is upon the other."""
-SUPPORT_M: Final = 0.05
-"""What lies lower than an object and this near to its vertical may carry it."""
-UPON_M: Final = (0.02, 0.08)
-"""How much higher an object's origin lies than that of the one it covers."""
-ALIKE_M: Final = 0.012
-"""Places upon an object that differ by less in height are of things that lie directly upon it."""
-CHUNK: Final = 40_000
-"""So many states are looked at together: their columns stay in the processor's cache."""
-PROBE: Final = 4_000
-"""So many states tell how many more there are with one more object."""
 X, Y, Z, LEVEL, RAISED = range(5)
 
 Bools = NDArray[np.bool_]
@@ -74,10 +58,10 @@ class States:
         """Some of the states."""
         return States(self.locations[:, columns], self.closed[columns])
 
-    def chunks(self) -> Iterator[States]:
-        """The states in order, as many at a time as are best looked at together."""
-        for begin in range(0, len(self), CHUNK):
-            yield self.take(slice(begin, begin + CHUNK))
+    def chunks(self, size: int) -> Iterator[States]:
+        """The states in order, so many at a time."""
+        for begin in range(0, len(self), size):
+            yield self.take(slice(begin, begin + size))
 
     @staticmethod
     def joined(parts: Sequence[States]) -> States:
@@ -109,21 +93,15 @@ class Layout:
             squared += np.square(self.offsets[axis, a] - spot[axis])
         return np.asarray((squared <= radius_m * radius_m) & (self.roots[a] == root))
 
-    def below(self, b: int, spot: Floats, root: NDArray[np.int32], radius_m: float) -> Bools:
-        """Where b lies as much lower than a spot as one object below another, so near to its vertical."""
-        rise = spot[Z] - self.offsets[Z, b]
-        return np.asarray((rise > UPON_M[0]) & (rise < UPON_M[1]) & self.near(b, spot, root, radius_m, axes=2))
-
-    def upon(self, a: int, b: int) -> Bools:
-        """Where object a lies upon object b."""
-        return self.below(b, self.offsets[:3, a], self.roots[a], OVERLAP_M)
-
 
 class AbstractWorld:
-    """The world of some trees' conditions: its objects, their locations, and what each leaf does to many states."""
+    """The world of some trees' conditions: its objects, their locations, and what each leaf does to many states.
 
-    def __init__(self, base_frame: str, *roots: Node, parameters: ProofParameters | None = None) -> None:
-        self.base_frame, self.parameters = base_frame, parameters or ProofParameters()
+    At most `levels` things lie upon one: so many as the trees are made to take down.
+    """
+
+    def __init__(self, base_frame: str, *roots: Node, levels: int, parameters: ProofParameters | None = None) -> None:
+        self.base_frame, self.levels, self.parameters = base_frame, levels, parameters or ProofParameters()
         leaves = list(dict.fromkeys(node for root in roots for node in root.walk() if not node.children))
         self.grasps = {str(n.port("object")): _pose(n) for n in leaves if n.kind == "Pick"}
         self.objects = sorted({str(n.port("object")) for n in leaves if "object" in dict(n.ports)} - {NONE})
@@ -147,9 +125,11 @@ class AbstractWorld:
         spots = sorted({(str(n.port("frame")), vector(n.port("position"))) for n in spoken})
         for frame, position in spots:
             axes = 3 if (frame, position) in exact else 2
-            placed = any(f == frame and math.dist(p[:axes], position[:axes]) < RESTS_M for f, p in targets)
+            placed = any(
+                f == frame and math.dist(p[:axes], position[:axes]) < self.parameters.rests_m for f, p in targets
+            )
             lowest = not any(f == frame and self._is_below(frame, p, position) for f, p in spots)
-            known = any(p.frame == frame and _near(p.position, position) for p in found)
+            known = any(p.frame == frame and math.dist(p.position, position) < self.parameters.same_m for p in found)
             if (placed or lowest) and not known:
                 found.append(Location(frame, position, (frame, position) in exact))
         return found
@@ -159,9 +139,12 @@ class AbstractWorld:
         side, nearer to the origin in the same direction.
         """
         if frame == self.base_frame:
-            return math.dist(a[:2], b[:2]) < OVERLAP_M and a[2] < b[2] - SAME_M
+            return math.dist(a[:2], b[:2]) < self.parameters.overlap_m and a[2] < b[2] - self.parameters.same_m
         reach_a, reach_b = math.hypot(*a), math.hypot(*b)
-        return SAME_M < reach_a < reach_b - SAME_M and float(np.dot(a, b)) > 0.9 * reach_a * reach_b
+        return (
+            self.parameters.same_m < reach_a < reach_b - self.parameters.same_m
+            and float(np.dot(a, b)) > self.parameters.same_direction * reach_a * reach_b
+        )
 
     def _is_spot(self, node: Node, dropped: Sequence[Vector]) -> bool:
         """Whether a condition asks for a free spot on the table: a rough one in the base that no drop leads to."""
@@ -183,7 +166,7 @@ class AbstractWorld:
         offsets = np.zeros((5, len(self.objects), most), dtype=np.float32)
         for a, name in enumerate(self.objects):
             for number, location in enumerate(self.locations[name], start=FIRST_LOCATION):
-                upon = location.position[2] > UPON_M[0]
+                upon = location.position[2] > self.parameters.upon_m[0]
                 frames[a, number] = self.index[location.frame]
                 on_object, on_movable = (
                     upon and location.frame != self.base_frame,
@@ -229,7 +212,7 @@ class AbstractWorld:
             partial, whole = self._laid(partial, a, rng, share), whole and share == 1
             if len(partial) > exhaustive or not whole:
                 partial, whole = _drawn(partial, 2 * sampled, rng), False
-        partial = States.joined([part.take(self._carried(part)) for part in partial.chunks()])
+        partial = States.joined([part.take(self._carried(part)) for part in partial.chunks(self.parameters.chunk)])
         free = (partial.locations != HELD).all(axis=0)
         found = States.joined([partial, States(partial.locations[:, free], np.zeros(int(free.sum()), bool))])
         if len(found) > exhaustive or not whole:
@@ -243,7 +226,7 @@ class AbstractWorld:
         """
         if len(partial) * self.sizes[a] <= 2 * few:
             return 1.0
-        probe = _drawn(partial, PROBE, rng)
+        probe = _drawn(partial, self.parameters.probe, rng)
         expected = len(partial) * len(self._laid(probe, a, rng)) / len(probe)
         return 1.0 if expected <= 2 * few else min(1.0, enough / expected)
 
@@ -251,8 +234,8 @@ class AbstractWorld:
         """The states in which also object a is held or laid somewhere, where it can be; or a share of them."""
         size = self.sizes[a]
         parts = []
-        for begin in range(0, len(partial), max(CHUNK // size, 1)):
-            part = partial.take(slice(begin, begin + max(CHUNK // size, 1)))
+        for begin in range(0, len(partial), max(self.parameters.chunk // size, 1)):
+            part = partial.take(slice(begin, begin + max(self.parameters.chunk // size, 1)))
             fits = self._free_for(a, part)
             if share < 1:
                 fits &= rng.random(fits.shape) < share
@@ -279,10 +262,10 @@ class AbstractWorld:
     def _apart(self, a: int, states: States) -> Bools:
         """In which states none of the first objects up to a are within another, and no pile is too high."""
         layout = self.layout(states)
-        fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= self.parameters.levels
-        self.left_out = self.left_out if fits.all() else f"piles of more than {self.parameters.levels + 1} objects"
+        fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= self.levels
+        self.left_out = self.left_out if fits.all() else f"piles of more than {self.levels + 1} objects"
         for b, c in combinations([number for number in self.movable if number <= a], 2):
-            fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], OVERLAP_M)
+            fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], self.parameters.overlap_m)
         return np.asarray(fits)
 
     def _carried(self, states: States) -> Bools:
@@ -319,8 +302,8 @@ class AbstractWorld:
         only by what two of them may differ by.
         """
         heights = [p.position[2] for p in self.locations[name] if p.frame == frame != self.base_frame]
-        lowest = min((height for height in heights if height > UPON_M[0]), default=np.inf)
-        return min(UPON_M[1], lowest + ALIKE_M)
+        lowest = min((height for height in heights if height > self.parameters.upon_m[0]), default=np.inf)
+        return min(self.parameters.upon_m[1], lowest + self.parameters.alike_m)
 
     def _height_m(self, location: Location) -> float:
         """How far a location is above the object of its frame [m]; in the base, above the lowest exact one."""
@@ -334,19 +317,33 @@ class AbstractWorld:
     def _is_beside(self, location: Location) -> bool:
         """Whether what lies at a location stands on what the object of its frame stands on, and must."""
         x, y, z = location.position
-        return location.frame in self.grasps and location.exact and abs(z) < UPON_M[0] and math.hypot(x, y) > OVERLAP_M
+        return (
+            location.frame in self.grasps
+            and location.exact
+            and abs(z) < self.parameters.upon_m[0]
+            and math.hypot(x, y) > self.parameters.overlap_m
+        )
 
     def _is_raised(self, frame: str, layout: Layout) -> Bools:
         return np.asarray(layout.offsets[RAISED, self.index[frame]] > 0)
+
+    def _upon(self, layout: Layout, a: int, b: int) -> Bools:
+        """Where object a lies upon object b."""
+        return self._below(layout, b, layout.offsets[:3, a], layout.roots[a], self.parameters.overlap_m)
+
+    def _below(self, layout: Layout, b: int, spot: Floats, root: NDArray[np.int32], radius_m: float) -> Bools:
+        """Where b lies as much lower than a spot as one object below another, so near to its vertical."""
+        rise, (least_m, most_m) = spot[Z] - layout.offsets[Z, b], self.parameters.upon_m
+        return np.asarray((rise > least_m) & (rise < most_m) & layout.near(b, spot, root, radius_m, axes=2))
 
     def _is_carried(
         self, a: int, spot: Floats, root: NDArray[np.int32], layout: Layout, beside: str | None = None
     ) -> Bools:
         """Whether any object lies right below object a at a spot; `beside` another, one level below that one's."""
-        reach_m = SUPPORT_M if beside else OVERLAP_M
+        reach_m = self.parameters.support_m if beside else self.parameters.overlap_m
         carried = np.zeros(len(root), dtype=bool)
         for b in self.movable:
-            below = layout.below(b, spot, root, reach_m)
+            below = self._below(layout, b, spot, root, reach_m)
             if beside:
                 below &= layout.offsets[RAISED, b] == layout.offsets[RAISED, self.index[beside]] - 1
             else:
@@ -389,12 +386,12 @@ class AbstractWorld:
         a = self.index[str(node.port("object"))]
         if node.kind == "Pick":
             for b in self.movable:
-                fits = fits & ~layout.upon(b, a) if b != a else fits
+                fits = fits & ~self._upon(layout, b, a) if b != a else fits
             return fits
         root, spot = self._spot(node, self._let_go(node), layout)
         for b in self.movable if node.kind == "Place" else ():
             if b != a and self.objects[b] != node.port("frame"):
-                fits = fits & ~layout.near(b, spot, root, OVERLAP_M)
+                fits = fits & ~layout.near(b, spot, root, self.parameters.overlap_m)
         return np.asarray(fits & (root != a))
 
     def after(self, node: Node, states: States, layout: Layout) -> States:
@@ -459,7 +456,7 @@ class AbstractWorld:
             if location.frame == frame
         }
         nearest = min(distances, key=lambda number: distances[number], default=AWAY)
-        near = nearest != AWAY and (node.kind == "Drop" or distances[nearest] < RESTS_M)
+        near = nearest != AWAY and (node.kind == "Drop" or distances[nearest] < self.parameters.rests_m)
         return nearest if near else AWAY
 
     def _falls(self, node: Node, reached: int, layout: Layout) -> Bools:
@@ -487,7 +484,3 @@ def vector(value: Any) -> Vector:
     """A port's value that is a position."""
     x, y, z = value
     return (x, y, z)
-
-
-def _near(a: Sequence[float], b: Sequence[float]) -> bool:
-    return math.dist(a, b) < SAME_M

@@ -172,15 +172,17 @@ def prove(
     task: Node | None = None,
     parameters: ProofParameters | None = None,
     at_once: bool = True,
+    *,
+    levels: int,
 ) -> Certificate:
     """Check a tree from every abstract state, or, where there are too many (`parameters`), from some of them.
 
     States that are only reached from others are checked with them. The tree is taken at its word that its SUCCESS is
     the goal, unless `task` is given: a node that, ticked, says SUCCESS where the task is done. Then the tree may say so
-    only there; and, if `at_once`, must.
+    only there; and, if `at_once`, must. At most `levels` things lie upon one: as many as the tree is made to take down.
     """
     root = tree.flattened()
-    world = AbstractWorld(base_frame, *([root, task] if task else [root]), parameters=parameters)
+    world = AbstractWorld(base_frame, *([root, task] if task else [root]), levels=levels, parameters=parameters)
     return Arena(world, rng).prove(root, task, at_once)
 
 
@@ -230,7 +232,7 @@ class _Exploration:
         frontier = self.known.fresh(starts)
         while len(frontier):
             afters = []
-            for states in frontier.chunks():
+            for states in frontier.chunks(self.world.parameters.chunk):
                 ticks = Ticks(self.world, states, self.program)
                 fault = self._fault(ticks)
                 if fault:

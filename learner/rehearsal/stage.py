@@ -20,7 +20,6 @@ from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, 
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
 from learner.model.tree import Value
 from learner.planning.actions import scene_of
-from learner.planning.grasps import STROKE_M
 from learner.simulation.gravity import WALL_M, Body, Spot, Table
 from learner.simulation.kinematic_world import NOISELESS, REACH_M, WORKSPACE_M, KinematicWorld, Noise
 
@@ -221,7 +220,7 @@ class Stage:
         if not self.points and self._contains(name):
             return Body(shape, "open_box")
         graspable = any(sorted(self.shapes[other].size_m) == sorted(shape.size_m) for other in self._picked)
-        return Body(shape, stroke_m=max(STROKE_M, min(shape.size_m[:2])) if graspable else STROKE_M)
+        return Body(shape, stroke_m=max(Body.stroke_m, min(shape.size_m[:2]))) if graspable else Body(shape)
 
     @cached_property
     def _picked(self) -> set[str]:

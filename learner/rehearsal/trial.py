@@ -13,10 +13,8 @@ from learner.errors import NothingLearnedError
 from learner.inference.understanding import understand
 from learner.learned import Learned
 from learner.model import Demonstration, Tree
-from learner.parameters import Parameters
 from learner.planning.draft import Draft
 from learner.planning.repairs import NOTHING, Repairs
-from learner.proof.parameters import ProofParameters
 from learner.proof.prover import Certificate, prove
 from learner.rehearsal.arm_replay import Replay, replay
 from learner.rehearsal.goal import goals_of
@@ -28,16 +26,16 @@ from learner.rehearsal.users import success_without
 
 def proven(learned: Learned, base_frame: str) -> Learned:
     """With the certificate of its tree, and a note if there is a counterexample."""
-    certificate = _certificate(learned.tree, base_frame, learned.draft)
+    certificate = _certificate(learned, learned.tree, base_frame)
     return replace(learned, certificate=certificate.to_data(), notes=(*learned.notes, *_unproven(certificate)))
 
 
-def tried(learned: Learned, demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
+def tried(learned: Learned, demonstrations: Sequence[Demonstration]) -> Learned:
     """With the best of the trees that a draft makes, once rehearsed and repaired, that is proven; else the first.
 
     A method without a draft has its tree judged by what ours understands of the demonstrations, and not repaired.
     """
-    base_frame = demonstrations[0].base_frame
+    base_frame, parameters = demonstrations[0].base_frame, learned.parameters
     try:
         draft = learned.draft or Draft(understand(demonstrations, parameters.inference), parameters.planning, {})
     except NothingLearnedError as error:
@@ -97,15 +95,15 @@ class _Trial:
     def _best_proven(self, found: Sequence[Attempt]) -> _Tried:
         """The best rehearsed attempt if it is proven, or if the first is not proven either; else the first."""
         first, best = found[0], found[-1]
-        certificate = _certificate(best.tree, self.stage.base, self.first.draft)
+        certificate = _certificate(self.first, best.tree, self.stage.base)
         if certificate.counterexample is None or best is first:
             return self._completed(best, certificate)
-        other = _certificate(first.tree, self.stage.base, self.first.draft)
+        other = _certificate(self.first, first.tree, self.stage.base)
         one_proven = other.counterexample is None
         return self._completed(first, other) if one_proven else self._completed(best, certificate)
 
     def _completed(self, attempt: Attempt, certificate: Certificate | None = None) -> _Tried:
-        certificate = certificate or _certificate(attempt.tree, self.stage.base, self.first.draft)
+        certificate = certificate or _certificate(self.first, attempt.tree, self.stage.base)
         return _Tried(attempt, certificate, replay(attempt.tree, self.stage, self.goals))
 
     def _made(self, repairs: Repairs) -> Tree:
@@ -124,11 +122,11 @@ class _Trial:
         )
 
 
-def _certificate(tree: Tree, base_frame: str, draft: Draft | None) -> Certificate:
+def _certificate(learned: Learned, tree: Tree, base_frame: str) -> Certificate:
     """The proof that the tree reaches what it says, and, where there is a draft, that this is the draft's goal."""
-    goal = draft.goal if draft else None
-    looks = ProofParameters(levels=draft.parameters.levels) if draft else ProofParameters()
-    return prove(tree, base_frame, np.random.default_rng(0), goal, looks, at_once=False)
+    goal, numbers = learned.draft.goal if learned.draft else None, learned.parameters
+    rng, levels = np.random.default_rng(0), numbers.planning.recovery.levels
+    return prove(tree, base_frame, rng, goal, numbers.proof, at_once=False, levels=levels)
 
 
 def _unproven(certificate: Certificate) -> tuple[str, ...]:

@@ -64,18 +64,19 @@ def learn_task(
     method: str = DEFAULT_METHOD,
     include_unknown: bool = False,
     include_gaps: bool = False,
+    parameters: Parameters | None = None,
 ) -> Lesson:
     """The whole way for one task: choose, learn and rehearse, publish. Raises what its steps raise."""
     choice = choose(lake, task, include_unknown, include_gaps)
-    return publish(store, choice, learn_from(choice, method), method)
+    return publish(store, choice, learn_from(choice, method, parameters), method)
 
 
-def learn_from(choice: Choice, method: str = DEFAULT_METHOD) -> Learned:
+def learn_from(choice: Choice, method: str = DEFAULT_METHOD, parameters: Parameters | None = None) -> Learned:
     """Learn and rehearse; where the scene is known, replay with the arm. Raises NothingLearnedError."""
     if _scene_known(choice):
         with silent_standard_error():
             import learner.simulation.physical_world  # noqa: F401  # takes a fifth of a second, and is rarely needed
-    return learn(choice.demonstrations, Parameters(), method, rehearsed=True)
+    return learn(choice.demonstrations, parameters, method, rehearsed=True)
 
 
 def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: bool = False) -> Choice:
@@ -124,7 +125,7 @@ def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]
         "end_effector_frame": first.end_effector_frame,
         "lineage": {
             "method": method,
-            "parameters": Parameters().to_data(),
+            "parameters": learned.parameters.to_data(),
             "code": code_version(),
             "demonstrations": [_origin(demonstration) for demonstration in _ordered(choice.demonstrations)],
             "left_out": dict(choice.left_out),

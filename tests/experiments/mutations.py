@@ -146,7 +146,7 @@ class _Judge:
 
     def __init__(self, tree: Tree, base_frame: str, failures: Trial) -> None:
         self.root, self.failures = tree.flattened(), failures
-        self.arena = Arena(AbstractWorld(base_frame, self.root), np.random.default_rng(0))
+        self.arena = Arena(AbstractWorld(base_frame, self.root, levels=5), np.random.default_rng(0))
         if self.arena.prove(self.root).counterexample:
             raise ValueError(f"the tree {tree.main.id} is not sound itself")
         self.few = self.arena.among(_evenly(self.arena.starts, FIRST_LOOK))
@@ -163,7 +163,9 @@ class _Judge:
         program = Program(root)
         numbers = [self.numbers.setdefault(leaf, len(self.numbers) + 1) for leaf in program.leaves]
         known = np.array([*numbers, 0])
-        ticks = [Ticks(self.arena.world, states, program) for states in self.some.chunks()]
+        ticks = [
+            Ticks(self.arena.world, states, program) for states in self.some.chunks(self.arena.world.parameters.chunk)
+        ]
         return np.concatenate([np.stack([tick.status, known[tick.action]]) for tick in ticks], axis=1)
 
     def proves(self, root: Node) -> bool:
@@ -181,7 +183,12 @@ class _Judge:
     def _actions(self, root: Node) -> Ints:
         """How many actions a proven tree needs from each of some states."""
         program = Program(root)
-        return np.concatenate([_actions(self.arena.world, program, states) for states in self.some.chunks()])
+        return np.concatenate(
+            [
+                _actions(self.arena.world, program, states)
+                for states in self.some.chunks(self.arena.world.parameters.chunk)
+            ]
+        )
 
 
 def _actions(world: AbstractWorld, program: Program, states: States) -> Ints:

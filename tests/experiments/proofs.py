@@ -65,7 +65,7 @@ def compute_proof(cell: Proven) -> dict[str, Any]:
     """The rows of a task, and its mutants that are worse and not refused, in words."""
     scenario = SCENARIOS[cell.scenario]
     tree = METHODS["treewright"](demonstrated(scenario, scenario.least, SET), Parameters()).tree
-    proven = prove(tree, BASE, np.random.default_rng(0))
+    proven = prove(tree, BASE, np.random.default_rng(0), levels=5)
     bitten = list(_bitten(scenario, tree, proven))
     return {
         "scenario": cell.scenario,

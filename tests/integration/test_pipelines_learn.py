@@ -9,6 +9,9 @@ import pytest
 from support_recordings import object_in_box
 
 from learner.learning import METHODS
+from learner.parameters import Parameters
+from learner.planning.parameters import PlanningParameters, RecoveryParameters
+from learner.proof.parameters import ProofParameters
 from pipelines.cli import main
 from pipelines.home import Home
 from pipelines.steps.ingest import ingest
@@ -80,6 +83,19 @@ def test_the_manifest_tells_what_the_tree_was_learned_from(home: Home, capsys: p
     assert manifest["metrics"]["demonstrations"] == 3
     assert manifest["scene_known"] is False
     assert any("objects are points" in note for note in manifest["notes"])
+
+
+def test_the_manifest_tells_the_numbers_as_they_were_used(home: Home) -> None:
+    record(home, 1, 2, 3)
+    numbers = Parameters(
+        planning=PlanningParameters(place_radius_m=0.03, recovery=RecoveryParameters(spots=3)),
+        proof=ProofParameters(exhaustive=500_000),
+    )
+    with ArtifactStore(home.store) as store:
+        learn_task(Lake(home.lake), store, TASK, parameters=numbers)
+        told = store.get(TASK).manifest["lineage"]["parameters"]
+    assert told == json.loads(json.dumps(numbers.to_data()))
+    assert (told["planning"]["recovery"]["spots"], told["proof"]["exhaustive"]) == (3, 500_000)
 
 
 def test_learning_again_from_the_same_makes_no_new_version(home: Home, capsys: pytest.CaptureFixture[str]) -> None:

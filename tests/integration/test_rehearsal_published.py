@@ -90,8 +90,8 @@ def test_a_tree_that_fails_every_replay_gets_no_alias_but_latest(store: Artifact
     assert right.draft
     group = right.draft.understood.groups[0]
     shorter = replace(right.draft.understood, groups=(replace(group, subgoals=group.subgoals[:-1]),))
-    wrong = Learned(Draft(shorter, Parameters().planning, {}).tree(), {}, ())
-    learned = tried(wrong, demonstrations, Parameters())
+    wrong = Learned(Draft(shorter, Parameters().planning, {}).tree(), {}, (), Parameters())
+    learned = tried(wrong, demonstrations)
     assert learned.report["rehearsal"]["done"] == 0
     assert "false success" in str(learned.certificate)
     assert any("may get only the alias latest" in note for note in learned.notes)

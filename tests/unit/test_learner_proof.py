@@ -20,6 +20,8 @@ from learner.proof.abstract_world import AbstractWorld
 from learner.proof.parameters import ProofParameters
 from learner.proof.prover import Keys, prove
 
+LEVELS = 5
+"""So many things upon one the planner takes down."""
 DOWN = (1.0, 0.0, 0.0, 0.0)
 ZERO = (0.0, 0.0, 0.0)
 DROP = Drop("A", "box", (0.0, 0.0, 0.1), DOWN, ZERO)
@@ -36,12 +38,13 @@ def placed(name: str, frame: str) -> Node:
 
 
 def refuted(*children: Node) -> str | None:
-    return prove(Tree(Definition("t", sequence(*children))), "base", np.random.default_rng(0)).counterexample
+    tree = Tree(Definition("t", sequence(*children)))
+    return prove(tree, "base", np.random.default_rng(0), levels=LEVELS).counterexample
 
 
 def test_a_sound_tree_reaches_its_goal_from_every_state() -> None:
     tree = Tree(Definition("t", sequence(fallback(leaf(DROP.achieves), sequence(picked("A"), leaf(DROP))))))
-    certificate = prove(tree, "base", np.random.default_rng(0))
+    certificate = prove(tree, "base", np.random.default_rng(0), levels=LEVELS)
     assert certificate.counterexample is None
     assert (certificate.exhaustive, certificate.states, certificate.bound) == (True, 5, 3)
 
@@ -73,9 +76,9 @@ def test_a_tower_that_cannot_be_taken_down_is_refuted() -> None:
 def test_beyond_the_limit_a_seeded_sample_is_checked_and_the_certificate_says_so() -> None:
     scenario = SCENARIOS["tower_and_box"]
     tree = learn(demonstrated(scenario, scenario.least, 31)).tree
-    whole = prove(tree, "base", np.random.default_rng(0))
+    whole = prove(tree, "base", np.random.default_rng(0), levels=LEVELS)
     few = ProofParameters(exhaustive=100, sampled=50)
-    samples = [prove(tree, "base", np.random.default_rng(0), parameters=few) for _ in range(2)]
+    samples = [prove(tree, "base", np.random.default_rng(0), parameters=few, levels=LEVELS) for _ in range(2)]
     assert samples[0] == samples[1]
     assert whole.bound is not None
     assert samples[0].bound is not None
@@ -86,9 +89,9 @@ def test_beyond_the_limit_a_seeded_sample_is_checked_and_the_certificate_says_so
 def test_a_sample_is_of_different_states_that_are_all_possible() -> None:
     scenario = SCENARIOS["towers"]
     root = learn(demonstrated(scenario, scenario.least, 31)).tree.flattened()
-    world = AbstractWorld("base", root)
+    world = AbstractWorld("base", root, levels=LEVELS)
     whole, every = world.states(np.random.default_rng(0))
-    few = AbstractWorld("base", root, parameters=ProofParameters(exhaustive=5000, sampled=1000))
+    few = AbstractWorld("base", root, levels=LEVELS, parameters=ProofParameters(exhaustive=5000, sampled=1000))
     some, rest = few.states(np.random.default_rng(0))
     keys = Keys(world)
     assert (every, rest) == (True, False)
@@ -100,7 +103,7 @@ def test_a_sample_is_of_different_states_that_are_all_possible() -> None:
 @pytest.mark.parametrize(("names", "left_out"), [("ABCDEF", None), ("ABCDEFG", "piles of more than 6 objects")])
 def test_the_certificate_says_which_piles_were_left_out(names: str, left_out: str | None) -> None:
     tower = [placed(upper, lower) for lower, upper in pairwise(names)]
-    certificate = prove(Tree(Definition("t", sequence(*tower))), "base", np.random.default_rng(0))
+    certificate = prove(Tree(Definition("t", sequence(*tower))), "base", np.random.default_rng(0), levels=LEVELS)
     assert certificate.left_out == left_out
 
 
@@ -130,9 +133,9 @@ def test_a_tree_that_forgets_a_part_of_what_was_demonstrated_is_refuted(name: st
     assert learned.draft is not None
     main, rng = learned.tree.main, np.random.default_rng(0)
     forgetful = Tree(replace(main, root=replace(main.root, children=main.root.children[:-1])), learned.tree.subtrees)
-    assert prove(learned.tree, "base", rng, learned.draft.goal, at_once=False).counterexample is None
-    assert prove(forgetful, "base", rng).counterexample is None
-    found = prove(forgetful, "base", rng, learned.draft.goal, at_once=False).counterexample
+    assert prove(learned.tree, "base", rng, learned.draft.goal, at_once=False, levels=LEVELS).counterexample is None
+    assert prove(forgetful, "base", rng, levels=LEVELS).counterexample is None
+    found = prove(forgetful, "base", rng, learned.draft.goal, at_once=False, levels=LEVELS).counterexample
     assert "it ends before the task is done" in str(found)
 
 

@@ -65,7 +65,7 @@ TOWER = sequence(D_ON_E, F_ON_D)
 
 
 def refuted(root: Node, task: Node | None = None) -> str | None:
-    return prove(Tree(Definition("t", root)), "base", np.random.default_rng(0), task).counterexample
+    return prove(Tree(Definition("t", root)), "base", np.random.default_rng(0), task, levels=5).counterexample
 
 
 def closed_on_nothing() -> Node:

@@ -53,7 +53,7 @@ WORDS = (
     Place("B", "base", ON_TABLE, DOWN, ON_TABLE),
     Drop("C", "box", ZERO, DOWN, ZERO),
 )
-WORLD = AbstractWorld("base", sequence(*map(leaf, WORDS)))
+WORLD = AbstractWorld("base", sequence(*map(leaf, WORDS)), levels=5)
 EVERY, _ = WORLD.states(np.random.default_rng(0))
 
 
@@ -183,7 +183,7 @@ def test_a_proven_tree_needs_as_many_actions_as_it_does_from_the_table(name: str
     """A pick and a release for each placement of the goal."""
     scenario = SCENARIOS[name]
     root = learn(demonstrated(scenario, scenario.least, 31)).tree.flattened()
-    arena = Arena(AbstractWorld("base", root), np.random.default_rng(0))
+    arena = Arena(AbstractWorld("base", root, levels=5), np.random.default_rng(0))
     on_table = ((arena.starts.locations == AWAY).all(axis=0)) & ~arena.starts.closed
     few = arena.among(arena.starts.take(on_table))
     proven = few.prove(root)

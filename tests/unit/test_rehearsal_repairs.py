@@ -19,7 +19,6 @@ from learner.learning import METHODS
 from learner.model import Demonstration, Drop, ObjectAt, Place, Tree
 from learner.model.condition import Condition
 from learner.parameters import Parameters
-from learner.planning.actions import LearnedActions
 from learner.planning.draft import Draft, in_order
 from learner.planning.recovery import Recovery
 from learner.planning.repairs import NOTHING, Repairs
@@ -51,17 +50,16 @@ class Weakened(Draft):
     radius_m: float | None = None
 
     def tree(self, repairs: Repairs = NOTHING) -> Tree:
-        understood, actions = self.understood, self._actions()
-        actions.placements.update(self.placements)
-        actions.placements.update({t: replace(actions.placements[t], radius=radius) for t, radius in repairs.radii})
+        understood = self.understood
+        actions = self.actions.with_placements(self.placements).with_radii(repairs.radii)
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in self._groups()]
         kind = Unseeing if self.unseeing else Recovery
         recovery = kind(understood.demonstrations, actions, understood.targets, widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
 
     @property
-    def placements(self) -> Mapping[Target, Place | Drop]:  # type: ignore[override]  # not cached
-        known = self._actions().placements
+    def placements(self) -> Mapping[Target, Place | Drop]:
+        known = self.actions.placements
         narrow = self.radius_m
         return {t: replace(p, radius=narrow) for t, p in known.items()} if narrow else known
 
@@ -81,10 +79,8 @@ def demonstrations_of(name: str) -> tuple[Demonstration, ...]:
 @cache
 def setting(name: str) -> tuple[Stage, Draft, list[Goal]]:
     demonstrations = demonstrations_of(name)
-    stage, draft = (
-        Stage(demonstrations),
-        Draft(understand(demonstrations, PARAMETERS.inference), PARAMETERS.planning, {}),
-    )
+    draft = Draft(understand(demonstrations, PARAMETERS.inference), PARAMETERS.planning, {})
+    stage = Stage(demonstrations)
     return stage, draft, goals_of(draft.understood.groups, draft.placements, stage)
 
 
@@ -155,11 +151,9 @@ def test_a_tree_that_can_do_nothing_makes_no_progress() -> None:
 
 
 def _out_of_reach(draft: Draft, targets: Mapping[Target, str]) -> Tree:
-    actions = LearnedActions(
-        draft.understood.demonstrations, draft.understood.moves, draft.understood.targets, draft.parameters
+    actions = draft.actions.with_placements(
+        {target: replace(draft.placements[target], position=(9.0, 9.0, 0.1)) for target in targets}
     )
-    for target in targets:
-        actions.placements[target] = replace(actions.placements[target], position=(9.0, 9.0, 0.1))
     recovery = Recovery(draft.understood.demonstrations, actions, draft.understood.targets)
     return tree_of("far", draft.understood.groups, actions, recovery)
 

@@ -1,0 +1,107 @@
+"""The numbers of the method stand in one place, count as they are handed in, and are told by the manifest."""
+
+from __future__ import annotations
+
+import ast
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from experiments.demonstrator import demonstrated
+from experiments.scenarios import SCENARIOS
+
+import learner
+from learner.inference.understanding import understand
+from learner.learning import learn
+from learner.model import Demonstration
+from learner.parameters import Parameters
+from learner.planning.draft import Draft
+
+LEARNER = Path(learner.__file__).parent
+IN_PARAMETERS = ("planning", "proof")
+NO_THRESHOLDS = {0.0, 0.5, 1.0, 1e-9}
+"""Nothing, a half, a whole, and what keeps from dividing by zero."""
+PARAMETERS = Parameters()
+
+
+@pytest.fixture(scope="module")
+def board() -> list[Demonstration]:
+    return demonstrated(SCENARIOS["board"], 3, 5)
+
+
+@pytest.mark.parametrize("folder", IN_PARAMETERS)
+def test_no_threshold_stands_outside_the_parameters_of_its_folder(folder: str) -> None:
+    strays = {
+        f"{file.name}:{node.lineno}: {node.value}"
+        for file in (LEARNER / folder).glob("*.py")
+        if file.name != "parameters.py"
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value not in NO_THRESHOLDS
+    }
+    assert strays == set()
+
+
+def test_every_folder_with_parameters_is_among_those_that_the_manifest_tells() -> None:
+    folders = {file.parent.name for file in LEARNER.glob("*/parameters.py")}
+    assert set(PARAMETERS.to_data()) == folders
+    assert json.loads(json.dumps(PARAMETERS.to_data(), allow_nan=False)).keys() == folders
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"recovery": {"levels": 1}},
+        {"recovery": {"spots": 3}},
+        {"recovery": {"inner": 0.3}},
+        {"recovery": {"raised_m": 0.01}},
+        {"recovery": {"occupies": 0.5}},
+        {"recovery": {"edge_m": 0.002}},
+        {"recovery": {"wide_m": 9.0}},
+        {"recovery": {"ring": 8}},
+        {"recovery": {"ring_m": 0.2}},
+        {"place_radius_m": 0.021},
+        {"means": {"outlying": 1.0, "outlying_m": 0.0}},
+    ],
+    ids=str,
+)
+def test_a_number_of_the_planning_that_is_handed_in_changes_the_tree(
+    board: list[Demonstration], changed: dict[str, Any]
+) -> None:
+    understood = understand(board, PARAMETERS.inference)
+    usual = PARAMETERS.planning
+    inner = {key: replace(getattr(usual, key), **value) if isinstance(value, dict) else value
+             for key, value in changed.items()}  # fmt: skip
+    assert Draft(understood, replace(usual, **inner), {}).tree() != Draft(understood, usual, {}).tree()
+
+
+def test_a_number_of_the_proof_that_is_handed_in_changes_the_certificate(board: list[Demonstration]) -> None:
+    few = replace(PARAMETERS, proof=replace(PARAMETERS.proof, exhaustive=100, sampled=50))
+    whole, some = learn(board).certificate, learn(board, few).certificate
+    assert whole is not None
+    assert some is not None
+    assert (whole["exhaustive"], some["exhaustive"], some["states"]) == (True, False, 50)
+
+
+def test_the_prover_stacks_as_high_as_the_planner_takes_down(board: list[Demonstration]) -> None:
+    low = replace(PARAMETERS.planning, recovery=replace(PARAMETERS.planning.recovery, levels=1))
+    learned = learn(board, replace(PARAMETERS, planning=low))
+    assert learned.certificate is not None
+    assert learned.certificate["left_out"] == "piles of more than 2 objects"
+
+
+def test_what_was_learned_says_by_which_numbers(board: list[Demonstration]) -> None:
+    wanted = replace(PARAMETERS, planning=replace(PARAMETERS.planning, seen_m=0.002))
+    assert [learn(board, wanted, method).parameters for method in ("treewright", "paper")] == [wanted, wanted]
+
+
+def test_other_radii_make_other_actions_and_leave_the_first_ones_as_they_are(board: list[Demonstration]) -> None:
+    draft = Draft(understand(board, PARAMETERS.inference), PARAMETERS.planning, {})
+    first = draft.actions
+    target, *others = first.placements
+    before = dict(first.placements)
+    second = first.with_radii([(target, 0.011)])
+    assert dict(first.placements) == before
+    assert second.placements[target] == replace(before[target], radius=0.011)
+    assert [second.placements[other] for other in others] == [before[other] for other in others]
