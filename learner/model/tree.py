@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -109,6 +109,21 @@ def sequence(*children: Node, reactive: bool = True) -> Node:
 def fallback(*children: Node, reactive: bool = True) -> Node:
     """A (Reactive)Fallback."""
     return Node("ReactiveFallback" if reactive else "Fallback", (), children)
+
+
+def negated(node: Node) -> Node:
+    """Success and failure change places."""
+    return Node("Inverter", (), (node,))
+
+
+def guarded(condition: Condition, action: Node) -> Node:
+    """The action if the condition holds; with memory, so that the action may end what it was begun for."""
+    return sequence(leaf(condition), action, reactive=False)
+
+
+def first_of(nodes: Sequence[Node]) -> Node:
+    """The first that does not fail; with memory, so that what runs is not given up for an earlier one."""
+    return nodes[0] if len(nodes) == 1 else fallback(*nodes, reactive=False)
 
 
 def subtree(tree_id: str, **ports: Value) -> Node:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 from learner.inference.goals import Group, Subgoal
 from learner.inference.targets import Target
@@ -15,7 +14,7 @@ from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.model.tree import fallback, leaf, sequence
 from learner.planning.actions import LearnedActions
 from learner.planning.parameters import PlanningParameters
-from learner.planning.recovery import Recovery
+from learner.planning.recovery import NoRecovery, PileRecovery
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.synthesis import main_id, tree_of
 
@@ -35,7 +34,7 @@ class Draft:
         understood = self.understood
         actions = self.actions.with_radii(repairs.radii)
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in understood.groups]
-        recovery = Recovery(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
+        recovery = PileRecovery.of(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
 
     def shared_targets(self) -> list[Target]:
@@ -47,7 +46,7 @@ class Draft:
     def nominal_tree(self) -> Tree:
         """The tree without the SubTrees that only recover; much faster made than those are."""
         groups, actions = self.understood.groups, self.actions
-        return tree_of(main_id(self.understood.demonstrations), groups, actions, _NoRecovery())
+        return tree_of(main_id(self.understood.demonstrations), groups, actions, NoRecovery())
 
     @cached_property
     def actions(self) -> LearnedActions:
@@ -79,25 +78,6 @@ class Draft:
     def nearest_m(self) -> Mapping[Target, float]:
         """For each target the distance [m] to the nearest other one."""
         return self.actions.nearest_m
-
-
-class _NoRecovery(Recovery):
-    """Makes room for nothing."""
-
-    def __init__(self) -> None:
-        self._definitions = {}
-
-    def before(self, *_: Any, **__: Any) -> Sequence[Node]:
-        """Nothing."""
-        return ()
-
-    def standing(self, *_: Any, **__: Any) -> Sequence[Node]:
-        """Nothing."""
-        return ()
-
-    def otherwise(self, *_: Any, **__: Any) -> Sequence[Node]:
-        """Nothing."""
-        return ()
 
 
 def in_order(group: Group, repairs: Repairs) -> tuple[Subgoal, ...]:

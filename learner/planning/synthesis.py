@@ -14,6 +14,7 @@ memory, so that one wrong look does not take a tower apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from learner.inference.goals import Group, Subgoal
 from learner.model import Definition, Demonstration, Drop, GripperIs, Node, Place, SetGripper, Tree
@@ -37,9 +38,10 @@ def tree_of(tree_id: str, groups: Sequence[Group], actions: LearnedActions, reco
 
     What all groups begin or end with stands once; between them the goals are tested before any is pursued.
     """
-    root = _Builder(groups, actions, recovery).root()
-    hold_definition = Definition(HOLD, hold_body("{object}", "{position}", "{orientation}"), HOLD_PORTS)
-    return _without_unused(Tree(Definition(tree_id, root), (hold_definition, *recovery.definitions)))
+    builder = _Builder(groups, actions, recovery)
+    main = Definition(tree_id, builder.root())
+    holding = Definition(HOLD, hold_body("{object}", "{position}", "{orientation}"), HOLD_PORTS)
+    return _without_unused(Tree(main, (holding, *recovery.definitions, *builder.definitions.values())))
 
 
 class _Builder:
@@ -47,6 +49,8 @@ class _Builder:
 
     def __init__(self, groups: Sequence[Group], actions: LearnedActions, recovery: Recovery) -> None:
         self.groups, self.actions, self.recovery = groups, actions, recovery
+        self.definitions: dict[str, Definition] = {}
+        """The SubTrees that recover, used so far."""
 
     def root(self) -> Node:
         first, alike = self.groups[0], len({group.held for group in self.groups}) == 1
@@ -114,10 +118,11 @@ class _Builder:
         nodes: list[Node] = []
         for place, subgoal in enumerate(subgoals):
             earlier = (*done, *subgoals[:place])
-            nodes += [node for node in self.recovery.standing(subgoal) if node not in nodes]
+            nodes += [node for node in self._use(self.recovery.standing(subgoal)) if node not in nodes]
             nodes += () if subgoal.guards else self._room(subgoal, earlier)
             chain = self._chain(subgoal, earlier) if subgoal.guards else sequence(*self._placed(subgoal))
-            nodes.append(fallback(self._condition(subgoal), chain, *self.recovery.otherwise(subgoal), reactive=False))
+            otherwise = self._use(self.recovery.otherwise(subgoal))
+            nodes.append(fallback(self._condition(subgoal), chain, *otherwise, reactive=False))
         return nodes
 
     def _condition(self, subgoal: Subgoal) -> Node:
@@ -129,7 +134,23 @@ class _Builder:
         return sequence(*guards, *self._room(subgoal, (*done, *subgoal.guards)), *self._placed(subgoal))
 
     def _room(self, subgoal: Subgoal, done: Sequence[Subgoal], instead: Sequence[Subgoal] = ()) -> Sequence[Node]:
-        return self.recovery.before(subgoal, [other.target for other in done], instead)
+        room = self.recovery.before(subgoal, [other.target for other in done], instead)
+        return self._use(replace(room, id=self._unused(room.id)) if room else None)
+
+    def _use(self, definition: Definition | None) -> Sequence[Node]:
+        """The use of a SubTree that recovers, if there is one; of the same ID the last one given counts."""
+        if definition is None:
+            return ()
+        self.definitions[definition.id] = definition
+        return (subtree(definition.id),)
+
+    def _unused(self, tree_id: str) -> str:
+        """The ID, with a number if it was used before."""
+        number, candidate = 1, tree_id
+        while candidate in self.definitions:
+            number += 1
+            candidate = f"{tree_id}_{number}"
+        return candidate
 
     def _placed(self, subgoal: Subgoal) -> tuple[Node, Node]:
         return hold(subgoal.target.object, self.actions), leaf(self._placement(subgoal))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -17,10 +17,10 @@ from learner.inference.targets import Target
 from learner.inference.understanding import understand
 from learner.learning import METHODS
 from learner.model import Demonstration, Drop, ObjectAt, Place, Tree
-from learner.model.condition import Condition
 from learner.parameters import Parameters
 from learner.planning.draft import Draft, in_order
-from learner.planning.recovery import Recovery
+from learner.planning.occupations import Occupation, Occupations
+from learner.planning.recovery import PileRecovery
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.synthesis import main_id, tree_of
 from learner.rehearsal.goal import Goal, goals_of, holds
@@ -33,12 +33,11 @@ from learner.simulation.gravity import Body, Spot
 PARAMETERS = Parameters()
 
 
-class Unseeing(Recovery):
+class Unseeing(Occupations):
     """Sees what occupies a place only where it was told to look wider."""
 
-    def _occupations(self, target: Target) -> list[Condition]:  # type: ignore[override]  # fewer of the same
-        found = super()._occupations(target)
-        return [condition for condition in found if (target, condition.object) in self.widened]
+    def of(self, target: Target) -> Sequence[Occupation]:
+        return [condition for condition in super().of(target) if (target, condition.object) in self.widened]
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,10 @@ class Weakened(Draft):
         understood = self.understood
         actions = self.actions.with_placements(self.placements).with_radii(repairs.radii)
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in self._groups()]
-        kind = Unseeing if self.unseeing else Recovery
-        recovery = kind(understood.demonstrations, actions, understood.targets, widened=repairs.widened)
+        recovery = PileRecovery.of(understood.demonstrations, actions, understood.targets, repairs.widened)
+        if self.unseeing:
+            unseeing = Unseeing(recovery.obstacles, understood.targets, repairs.widened)
+            recovery = replace(recovery, occupations=unseeing)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
 
     @property
@@ -154,7 +155,7 @@ def _out_of_reach(draft: Draft, targets: Mapping[Target, str]) -> Tree:
     actions = draft.actions.with_placements(
         {target: replace(draft.placements[target], position=(9.0, 9.0, 0.1)) for target in targets}
     )
-    recovery = Recovery(draft.understood.demonstrations, actions, draft.understood.targets)
+    recovery = PileRecovery.of(draft.understood.demonstrations, actions, draft.understood.targets)
     return tree_of("far", draft.understood.groups, actions, recovery)
 
 
