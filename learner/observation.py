@@ -86,7 +86,7 @@ class _Observer:
             outcome=r.outcome,  # type: ignore[arg-type]  # checked in _check_whole
             actions=actions,
             sha256=r.sha256,
-            initial={name: _still_pose(r.tracks[name], int(r.tracks[name].stamps_ns[0]), 0, self.window_ns)
+            initial={name: _still_pose(r.tracks[name], int(r.tracks[name].stamps_ns[0]), 0, self.freshness)
                      for name in r.objects},
             final=self._sightings(max(everything)),
             start_ns=r.start_ns,
@@ -238,14 +238,14 @@ class _Observer:
             return None
         seen_ns = int(track.stamps_ns[index])
         if self.held is None or self.held.object != name:
-            return _still_pose(track, seen_ns, index, self.window_ns)
+            return _still_pose(track, seen_ns, index, self.freshness)
         return self._moved_with_gripper(self.held, track, index, stamp_ns)
 
     def _moved_with_gripper(self, held: _Held, track: Track, index: int, stamp_ns: int) -> Pose:
         """The pose of the held object: as last seen, moved by what the end-effector has moved since."""
         seen_ns = int(track.stamps_ns[index])
         since_grasp = seen_ns > held.stamp_ns
-        pose = _still_pose(track, seen_ns, index, self.window_ns)
+        pose = _still_pose(track, seen_ns, index, self.freshness)
         hand = self.recording.tracks[self.recording.end_effector_frame]
         then = _pose_at(hand, seen_ns) if since_grasp else held.end_effector
         now = _pose_at(hand, stamp_ns)
@@ -307,24 +307,25 @@ def _pose_at(track: Track, stamp_ns: int) -> Pose:
     return Pose.of(track.positions[index], track.quaternions_xyzw[index])
 
 
-def _still_pose(track: Track, seen_ns: int, index: int, window_ns: int) -> Pose:
+def _still_pose(track: Track, seen_ns: int, index: int, freshness: Freshness) -> Pose:
     """The pose at sample `index`, made robust over the still samples in the window that ends there.
 
     For the very first sample the window begins there instead.
     """
+    window_ns = int(freshness.window_s * NS)
     if index == 0:
         begin, end = 0, _last(track, seen_ns + window_ns) + 1
     else:
         begin, end = _last(track, seen_ns - window_ns) + 1, index + 1
     positions, quaternions = track.positions[begin:end], track.quaternions_xyzw[begin:end]
-    near = np.linalg.norm(positions - track.positions[index], axis=1) < 2 * Freshness.still_m
-    return Pose.of(np.median(positions[near], axis=0), _agreeing_mean(quaternions[near]))
+    near = np.linalg.norm(positions - track.positions[index], axis=1) < 2 * freshness.still_m
+    return Pose.of(np.median(positions[near], axis=0), _agreeing_mean(quaternions[near], freshness.agreeing_rad))
 
 
-def _agreeing_mean(quaternions: Array) -> Array:
-    """The mean of the largest set of orientations that agree with one of them; the later one in a tie."""
+def _agreeing_mean(quaternions: Array, agreeing_rad: float) -> Array:
+    """The mean of the largest set of orientations within `agreeing_rad` of one of them; the later one in a tie."""
     angles = angle_between(quaternions[:, None, :], quaternions[None, :, :])
-    agreeing = angles < Freshness.agreeing_rad
+    agreeing = angles < agreeing_rad
     best = len(quaternions) - 1 - int(np.argmax(agreeing.sum(axis=1)[::-1]))
     return mean_quaternion(quaternions[agreeing[best]])
 

@@ -16,7 +16,7 @@ from support_tape import NS, START_NS, STEP_S, Seen, Tape, before
 from learner.errors import DemonstrationRefusedError
 from learner.model import ActionPress, Demonstration, GripperSample, Pose, Recording, Track
 from learner.model.pose import angle_between
-from learner.observation import observe, warnings_of
+from learner.observation import Freshness, observe, warnings_of
 
 A, BOX, GOAL = at(0.40, 0.10), at(0.50, -0.20, 0.04, yaw=0.5), at(0.52, -0.22, 0.03, yaw=0.4)
 
@@ -244,6 +244,33 @@ def test_a_rest_is_taken_while_the_hand_is_already_at_the_next_object() -> None:
 
 
 # Noise, flips, jumps
+
+
+def test_how_far_poses_may_scatter_is_what_was_handed_in() -> None:
+    tape = Tape({"A": A, "box": BOX}).pick("A").release("place", GOAL)
+    recording = tape.recording()
+    track, press_ns = recording.tracks["A"], recording.presses[0].stamp_ns
+    last = int(np.searchsorted(track.stamps_ns, press_ns, side="right")) - 1
+    positions = track.positions.copy()
+    positions[last, 1] += 0.02
+    recording = replace(recording, tracks={**recording.tracks, "A": replace(track, positions=positions)})
+    strict, lax = (observe(recording, Freshness(still_m=still_m)).actions[0].objects["A"] for still_m in (0.005, 0.5))
+    assert strict.position[1] == pytest.approx(A.position[1] + 0.02)
+    assert lax.position[1] == pytest.approx(A.position[1])
+
+
+def test_how_far_orientations_may_disagree_is_what_was_handed_in() -> None:
+    def turning(name: str, number: int, pose: Pose) -> Pose:
+        return pose @ at(0.0, 0.0, 0.0, yaw=0.2) if name == "A" and number % 2 else pose
+
+    recording = Tape({"A": A, "box": BOX}, turning).pick("A").release("place", GOAL).recording()
+
+    def yaw(agreeing_rad: float) -> float:
+        found = observe(recording, Freshness(agreeing_rad=agreeing_rad)).actions[0].objects["A"]
+        return float(angle_between(np.array(found.quaternion_xyzw), np.array(A.quaternion_xyzw)))
+
+    assert yaw(0.35) == pytest.approx(0.1, abs=0.02)  # both agree: their mean
+    assert min(yaw(0.05), abs(yaw(0.05) - 0.2)) < 0.01  # one of them
 
 
 def _noise(sigma_m: float, seed: int) -> Seen:
