@@ -120,11 +120,10 @@ class Stage:
             world.table = Points(self.bodies, spots, rng)
         return world
 
-    @cached_property
+    @property
     def workspace_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """The simulated cell's, widened to all that was seen: the arm reached it, or a person did."""
-        seen = np.array([pose.position[:2] for pose in self._seen()]) + np.array(self.shift[:2])
-        (x0, y0), (x1, y1) = seen.min(axis=0).tolist(), seen.max(axis=0).tolist()
+        (x0, y0), (x1, y1) = (self._seen_m + np.array(self.shift[:2])).tolist()
         (a0, a1), (b0, b1) = WORKSPACE_M
         return (min(a0, x0), max(a1, x1)), (min(b0, y0), max(b1, y1))
 
@@ -247,10 +246,15 @@ class Stage:
                 rests = ((action.object, action.rest) for action in demonstration.actions if action.rest is not None)
                 yield from ((other, rest[name]) for other, rest in rests if name in rest)
 
+    @cached_property
+    def _seen_m(self) -> Array:
+        """The least and the greatest x and y (2, 2) [m] of all that was seen, in the demonstrations' base."""
+        seen = np.array([pose.position[:2] for pose in self._seen()])
+        return np.array([seen.min(axis=0), seen.max(axis=0)])
+
     def _shift(self) -> Vector:
         """From the demonstrations' base to the stage's [m]: the table down to 0, the middle into the workspace."""
-        seen = np.array([pose.position[:2] for pose in self._seen()])
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        low, high = self._seen_m
         room = np.array(WORKSPACE_M)
         fits = (low >= room[:, 0] - REACH_M).all() and (high <= room[:, 1] + REACH_M).all()
         x, y = (0.0, 0.0) if fits else (room.mean(axis=1) - (low + high) / 2).tolist()

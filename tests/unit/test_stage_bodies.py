@@ -155,3 +155,14 @@ def test_crooked_markers_and_quarter_turns_do_not_hide_the_hand() -> None:
     assert np.linalg.norm(stage.tip.position) < 0.01
     assert 2 * math.acos(min(1.0, abs(stage.tip.quaternion_xyzw[3]))) < math.radians(6)
     assert stage.shift[2] == pytest.approx(0.0, abs=0.003)
+
+
+def test_a_stage_that_is_shifted_takes_its_workspace_along() -> None:
+    far = {**START, "A": at(3.0, 2.0)}
+    stage = Stage([shown(Put("A", "box", IN_BOX), start=far)])
+    moved = stage.moved(0.5, -0.25)
+    (_, x1), (_, y1) = stage.workspace_m
+    (_, a1), (_, b1) = moved.workspace_m
+    seen = stage.starts[0].spots["A"]
+    assert moved.world(moved.starts[0].spots, np.random.default_rng(0)).reaches((seen.x + 0.5, seen.y - 0.25, 0.1))
+    assert (a1 - x1, b1 - y1) == pytest.approx((0.5, -0.25))
