@@ -282,7 +282,7 @@ def _noise(sigma_m: float, seed: int) -> Seen:
     return seen
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20, deadline=None, derandomize=True)  # one seed in some thousand is beyond four deviations
 @given(st.integers(0, 10**6))
 def test_camera_noise_is_averaged_out(seed: int) -> None:
     tape = Tape({"A": A, "box": BOX}, _noise(0.0015, seed)).pick("A").release("place", GOAL).wait(0.5)
