@@ -35,9 +35,9 @@ def _notes(
 ) -> tuple[str, ...]:
     """Sentences for a person: what was left out, corrected, disagreed on, and what to show next."""
     corrected = (
-        f"{t.object} at {t.frame}: {t.verdict.evidence}; {t.verdict.chosen} was corrected to {t.verdict.type}"
+        f"{t.object} at {t.frame}: {t.label.evidence}; {t.label.chosen} was corrected to {t.type}"
         for t in understood.targets
-        if t.verdict.corrected
+        if t.label.corrected
     )
     return (
         *understood.notes,
@@ -50,10 +50,10 @@ def _notes(
 
 
 def _strange(understood: Understanding, number: int) -> str:
-    move = understood.moves[number]
-    name = understood.demonstrations[move.demonstration].demonstration_id
-    step = move.release.step if move.release else move.pick.step
-    return f"demonstration {name}, action {step}: {move.object} {_REASONS[move.put_back]}; not part of the task"
+    moves = understood.moves
+    name, reason = moves.object[number], _REASONS[bool(moves.put_back[number])]
+    where = f"demonstration {moves.name(number)}, action {moves.last_step(number)}"
+    return f"{where}: {name} {reason}; not part of the task"
 
 
 def _report(
@@ -64,7 +64,7 @@ def _report(
     return {
         "actions": [
             {
-                "type": target.verdict.type,
+                "type": target.type,
                 "object": target.object,
                 "frame": target.frame,
                 "certainty": round(target.certainty, 4) if target.supported else None,
@@ -72,7 +72,7 @@ def _report(
                 "samples": len(target.members),
                 "spread_m": round(target.spread_m, 4),
                 "context": target.context,
-                "label": target.verdict.evidence,
+                "label": target.label.evidence,
             }
             for target in understood.targets
         ],

@@ -4,15 +4,51 @@ A rigid change of frame keeps volumes, so the densities of one set of positions 
 directly. In the true frame positions scatter normally about an unknown mean with an unknown variance (inverse gamma
 beforehand); the marginal density of n positions with sum of squares S is then proportional to
 (b + S/2)^-(a + 3(n - 1)/2), and Bayes' rule gives the posterior. Where several frames scatter alike, none is certain.
+What is near is likelier beforehand, and a frame in which the object does not stay is none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from learner.model.pose import Array
+from learner.inference.moves import Moves
+from learner.inference.parameters import InferenceParameters
+from learner.inference.samples import Samples
+from learner.inference.support import scene_of_first, support_of
+from learner.model.pose import Array, express
+from learner.model.poses import Mask, Poses, Rows
+
+
+def frames_of(members: Sequence[int], moves: Moves, parameters: InferenceParameters) -> dict[str, float]:
+    """The posterior probability of every frame that all these moves know and keep their place in, likeliest first.
+
+    Empty if the evidence speaks for a frame in which the object does not stay: a placement that does not last.
+    """
+    samples = moves.releases(members)
+    sigma_m = parameters.drop_sigma_m if dropped(samples, parameters) else parameters.place_sigma_m
+    upon = support_of(samples, parameters)
+    logs, odds = {}, {}
+    for frame in samples.common_frames:
+        logs[frame] = log_density(intended(frame, samples, parameters), sigma_m, parameters.sigma_shape)
+        odds[frame] = _odds(frame, samples, upon[0] if upon else None, parameters)
+    shares = posterior(logs, odds)
+    lasting = {frame: share for frame, share in shares.items() if _lasts(frame, samples, parameters.lost_m)}
+    total = sum(lasting.values())
+    return {frame: share / total for frame, share in lasting.items()} if total > parameters.transient else {}
+
+
+def dropped(samples: Samples, parameters: InferenceParameters) -> bool:
+    """Whether most releases were drops, by their label or by the height they fell from."""
+    fell = (samples.type == "drop") | (np.nan_to_num(samples.fall_m) > parameters.drop_height_m)
+    return bool(2 * fell.sum() > len(samples))
+
+
+def intended(frame: str, samples: Samples, parameters: InferenceParameters) -> Array:
+    """What tells, in a frame, where an object was meant to go (m, 3) [m]: its rest, or, dropped, its release."""
+    poses = samples.release(frame) if dropped(samples, parameters) else samples.rest(frame)
+    return poses.positions
 
 
 def log_density(points: Array, sigma_m: float, shape: float) -> float:
@@ -33,3 +69,55 @@ def posterior(log_densities: Mapping[str, float], odds: Mapping[str, float]) -> 
     shares = weights / weights.sum()
     order = sorted(range(len(names)), key=lambda index: (-shares[index], names[index]))
     return {names[index]: float(shares[index]) for index in order}
+
+
+def _odds(frame: str, samples: Samples, carrier: str | None, parameters: InferenceParameters) -> float:
+    if frame == samples.base:
+        return 1.0
+    if frame == carrier:
+        return parameters.upon_odds
+    gap_m, odds = _gap_m(frame, samples, parameters.cube_m), parameters.contact_odds
+    return odds * (1.1 - gap_m) if gap_m < parameters.contact_m else 1 / odds
+
+
+def _gap_m(frame: str, samples: Samples, cube_m: float) -> float:
+    """How far the object's origin rests from the other one: as if that were a cube as near as its size lets."""
+    scene = scene_of_first(samples)
+    shape = scene.objects.get(frame) if scene else None
+    half = np.maximum(np.array(shape.size_m) - cube_m, 0.0) / 2 if shape else np.zeros(3)
+    rests = np.abs(samples.rest(frame).positions)
+    return float(np.median(np.linalg.norm(np.maximum(rests - half, 0.0), axis=1)))
+
+
+def _lasts(frame: str, samples: Samples, lost_m: float) -> bool:
+    """Whether the object kept its place in the frame in most demonstrations until it was moved again."""
+    return bool(2 * _kept(frame, samples, lost_m).sum() > len(samples))
+
+
+def _kept(frame: str, samples: Samples, lost_m: float) -> Mask:
+    """Which objects (m,) stayed within `lost_m` of where they rested in the frame, as far as that was seen."""
+    rests, kept = samples.rest(frame).positions, np.ones(len(samples), dtype=np.bool_)
+    for which, objects, origins in _worlds_after(frame, samples):
+        at = objects.positions
+        if frame != samples.base:
+            at = express(at, origins.positions, origins.quaternions_xyzw)
+        away = np.linalg.norm(at - rests[which], axis=1)
+        kept[which] &= ~(away > lost_m)
+    return kept
+
+
+def _worlds_after(frame: str, samples: Samples) -> Iterator[tuple[Rows, Poses, Poses]]:
+    """Where the object and the frame were seen at each later press up to the next one on the object, and at the end
+    if there is none: which samples (k,), and both poses (k,) in the base. An unknown pose is NaN.
+    """
+    columns, rows, name = samples.columns, samples.rows, str(samples.object[0])
+    left, ahead = np.arange(len(samples)), 1
+    while len(left):
+        later = rows[left] + ahead
+        inside = later < len(columns.step)
+        inside[inside] = columns.demonstration[later[inside]] == columns.demonstration[rows[left[inside]]]
+        ended, going, presses = left[~inside], left[inside], later[inside]
+        demonstrations = samples.demonstration[ended]
+        yield ended, samples.final(name)[demonstrations], samples.final(frame)[demonstrations]
+        yield going, columns.origin(name)[presses], columns.origin(frame)[presses]
+        left, ahead = going[columns.object[presses] != name], ahead + 1

@@ -7,17 +7,18 @@ reverses dropped, and each placement that is given up again kept only as a guard
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from learner.inference.order import orders
+from learner.inference.chains import Chains, ordered
 from learner.inference.parameters import InferenceParameters
+from learner.inference.samples import Names, Samples
 from learner.inference.targets import Target
-from learner.model import Demonstration, Pose
+from learner.model.poses import Mask, Rows
 
-Chain = Sequence[Target]
+Goal = frozenset[Target]
 
 
 @dataclass(frozen=True)
@@ -42,46 +43,8 @@ class Group:
     notes: tuple[str, ...] = field(default=())
 
     @property
-    def goal(self) -> frozenset[Target]:
+    def goal(self) -> Goal:
         return frozenset(subgoal.target for subgoal in self.subgoals)
-
-
-def final_targets(chain: Chain) -> dict[str, Target]:
-    """The last target of each object of one demonstration."""
-    return {target.object: target for target in chain}
-
-
-def holding_at_end(demonstration: Demonstration, candidates: Sequence[Target], radius_m: float) -> dict[str, Target]:
-    """The candidates that hold at the end of a demonstration though it did not reach them: they held already."""
-    found: dict[str, Target] = {}
-    for target in candidates:
-        world = {**demonstration.initial, **demonstration.final}
-        if target.object in world and (target.frame in world or target.frame == demonstration.base_frame):
-            base = Pose((0.0, 0.0, 0.0)) if target.frame == demonstration.base_frame else world[target.frame]
-            here = (base.inverse() @ world[target.object]).position
-            mean = np.mean([rest.position for rest in target.rests], axis=0)
-            if np.linalg.norm(np.subtract(here, mean)) < radius_m:
-                found.setdefault(target.object, target)
-    return found
-
-
-def ordered(targets: Sequence[Target], chains: Sequence[Chain]) -> list[Target]:
-    """The targets in an order that no demonstration contradicts where they agree; else by when they were reached."""
-    before = orders(chains)
-    ranks = {target: _rank(target, chains) for target in targets}
-    left, result = sorted(targets, key=lambda target: ranks[target]), []
-    while left:
-        free = [t for t in left if not any((other, t) in before for other in left)]
-        result.append((free or left)[0])
-        left.remove(result[-1])
-    return result
-
-
-def _rank(target: Target, chains: Sequence[Chain]) -> tuple[float, str, tuple[int, ...]]:
-    places = [
-        (place + 0.5) / len(chain) for chain in chains for place, other in enumerate(chain) if other == target
-    ]  # fmt: skip
-    return (float(np.mean(places)) if places else 0.0, target.object, target.members)
 
 
 def subgoals_of(sequence: Sequence[Target]) -> tuple[tuple[Subgoal, ...], list[Target]]:
@@ -125,64 +88,89 @@ def _left_at(place: int, sequence: Sequence[Target]) -> int:
     return next(later, len(sequence))
 
 
-def groups_of(
-    demonstrations: Sequence[Demonstration],
-    chains: Mapping[int, Chain],
-    held: Mapping[int, str],
-    parameters: InferenceParameters,
-) -> list[Group]:
+def groups_of(samples: Samples, chains: Chains, held: Names, parameters: InferenceParameters) -> list[Group]:
     """The groups, the one with most demonstrations first.
 
+    `held` is what each demonstration (k,) ends with in the gripper, "" for nothing.
     A demonstration whose goal is part of another's left the rest as it found it and joins the larger goal. Where some
     goals are shared by enough demonstrations and users, the others are left out: to stop early is not to be done.
     """
-    radius_m = parameters.same_goal_m
-    finals = {number: final_targets(chain) for number, chain in chains.items()}
-    everything = sorted({t for final in finals.values() for t in final.values()}, key=lambda t: (t.object, t.members))
-    goals = {
-        number: frozenset({**holding_at_end(demonstrations[number], everything, radius_m), **final}.values())
-        for number, final in finals.items()
-    }
-    distinct = [goal for goal in set(goals.values()) if not any(goal < other for other in goals.values())]
+    pursued = np.flatnonzero((chains.lengths > 0) | (held != ""))
+    goals, of = _goals(samples, chains, pursued, parameters.same_goal_m)
+    distinct = [goal for goal in goals if not any(goal < other for other in goals)]
     found = []
     for goal in distinct:
-        members = tuple(sorted(number for number, other in goals.items() if other <= goal))
-        found.append(_group(goal, members, chains, held, demonstrations, goals))
-    return _shared(sorted(found, key=lambda g: (-len(g.demonstrations), g.demonstrations)), demonstrations, parameters)
+        inside = np.array([other <= goal for other in goals], dtype=np.bool_)[of]
+        missing = [tuple(sorted(target.object for target in goal - goals[number])) for number in of[inside]]
+        found.append(_group(goal, pursued[inside], missing, chains, held, samples))
+    return _shared(sorted(found, key=lambda g: (-len(g.demonstrations), g.demonstrations)), samples, parameters)
 
 
-def _shared(
-    groups: list[Group], demonstrations: Sequence[Demonstration], parameters: InferenceParameters
-) -> list[Group]:
+def _goals(samples: Samples, chains: Chains, pursued: Rows, radius_m: float) -> tuple[list[Goal], Rows]:
+    """The distinct goals of these demonstrations, and which of them each has: for every object the last target that it
+    was brought to, else the first that it lies at in the end: it was there already.
+    """
+    finals = [{target.object: target for target in chain} for chain in chains.distinct]
+    everything = sorted({t for final in finals for t in final.values()}, key=lambda t: (t.object, t.members))
+    has = np.zeros((len(pursued), len(everything)), dtype=np.bool_)
+    for column, target in enumerate(everything):
+        has[:, column] = _holds_at_end(target, samples, radius_m)[pursued]
+    reached = np.array(
+        [[final.get(target.object) == target for target in everything] for final in finals], dtype=np.bool_
+    )
+    moved = np.array([[target.object in final for target in everything] for final in finals], dtype=np.bool_)
+    which = chains.of[pursued]
+    has = np.where(moved[which], reached[which], _first_of_each_object(has, everything)) if everything else has
+    rows, of = np.unique(has, axis=0, return_inverse=True)
+    return [frozenset(t for t, one in zip(everything, row, strict=True) if one) for row in rows], of.reshape(-1)
+
+
+def _first_of_each_object(has: Mask, targets: Sequence[Target]) -> Mask:
+    """Of several targets (n, t) of one object that hold, the first."""
+    kept = has.copy()
+    for column, target in enumerate(targets):
+        earlier = [other for other in range(column) if targets[other].object == target.object]
+        kept[:, column] &= ~has[:, earlier].any(axis=1)
+    return kept
+
+
+def _holds_at_end(target: Target, samples: Samples, radius_m: float) -> Mask:
+    """In which demonstrations (k,) an object lies at a target in the end, whoever brought it there."""
+    here = (samples.ends(target.frame).inverse() @ samples.ends(target.object)).positions
+    return np.asarray(np.linalg.norm(here - target.rests.positions.mean(axis=0), axis=1) < radius_m)
+
+
+def _shared(groups: list[Group], samples: Samples, parameters: InferenceParameters) -> list[Group]:
     """The groups that enough demonstrations and users share, with a note on the others; all where none is."""
-    everyone = len({demonstration.user for demonstration in demonstrations})
+    everyone, count = len(np.unique(samples.users)), len(samples.demonstrations)
 
     def enough(group: Group) -> bool:
-        users = {demonstrations[number].user for number in group.demonstrations}
-        many = len(group.demonstrations) >= parameters.samples_for(len(demonstrations))
+        users = np.unique(samples.users[list(group.demonstrations)])
+        many = len(group.demonstrations) >= parameters.samples_for(count)
         return many and len(users) >= parameters.users_for(everyone)
 
     kept = [group for group in groups if enough(group)]
     if not kept:
         return groups
     inside = {number for group in kept for number in group.demonstrations}
-    ended = {demonstrations[n].demonstration_id for g in groups for n in g.demonstrations if n not in inside}
-    notes = tuple(f"demonstration {name} ends as no others do; its goal is left out" for name in sorted(ended))
+    left_out = {number for group in groups for number in group.demonstrations} - inside
+    ended = sorted(samples.demonstrations[number].demonstration_id for number in left_out)
+    notes = tuple(f"demonstration {name} ends as no others do; its goal is left out" for name in ended)
     return [replace(kept[0], notes=(*kept[0].notes, *notes)), *kept[1:]]
 
 
 def _group(
-    goal: frozenset[Target], members: tuple[int, ...], chains: Mapping[int, Chain], held: Mapping[int, str],
-    demonstrations: Sequence[Demonstration], reached: Mapping[int, frozenset[Target]],
-) -> Group:  # fmt: skip
-    counts = Counter(target for number in members for target in set(chains[number]) - goal)
-    usual = [target for target, count in counts.items() if 2 * count > len(members)]
-    subgoals, idle = subgoals_of(ordered([*goal, *usual], [chains[number] for number in members]))
+    goal: Goal, members: Rows, missing: Sequence[tuple[str, ...]], chains: Chains, held: Names, samples: Samples
+) -> Group:
+    """The group of the demonstrations in `members` (m,), of whose goal each left the objects in `missing` alone."""
+    shown = chains.select(members)
+    usual = [target for target, count in shown.counts().items() if target not in goal and 2 * count > len(members)]
+    subgoals, idle = subgoals_of(ordered([*goal, *usual], shown))
     notes = [f"placing {t.object} in {t.frame} only on the way is of no effect and left out" for t in idle]
-    for number in members:
-        missing = sorted(t.object for t in goal - reached[number])
-        if missing:
-            name = demonstrations[number].demonstration_id
-            notes.append(f"demonstration {name} did not place {', '.join(missing)}; the goal of the others stands")
-    kept = Counter(held[number] for number in members if number in held).most_common(1)
-    return Group(members, subgoals, kept[0][0] if kept and 2 * kept[0][1] > len(members) else None, tuple(notes))
+    for number, names in zip(members, missing, strict=True):
+        if names:
+            name = samples.demonstrations[number].demonstration_id
+            notes.append(f"demonstration {name} did not place {', '.join(names)}; the goal of the others stands")
+    kept = Counter(held[members][held[members] != ""].tolist()).most_common(1)
+    in_hand = kept[0][0] if kept and 2 * kept[0][1] > len(members) else None
+    return Group(tuple(members.tolist()), subgoals, in_hand, tuple(notes))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from learner.inference.parameters import InferenceParameters
-from learner.inference.samples import Sample
+from learner.inference.samples import Names, Samples
 from learner.model import DemonstratedAction, Demonstration
 
 
 @dataclass(frozen=True)
-class Verdict:
+class LabelCheck:
     """The label that fits a set of releases of one target, and the evidence in a sentence."""
 
     type: str
@@ -25,16 +25,11 @@ class Verdict:
         return self.type != self.chosen
 
 
-def fall_m(sample: Sample) -> float | None:
-    """How far [m] the object came down from the press to its rest, in the base; None if its rest was not seen."""
-    return _fall_m(sample.action, sample.base_frame)
-
-
 def doubts(demonstration: Demonstration, parameters: InferenceParameters) -> Iterator[str]:
     """Sentences on releases of one demonstration whose label does not fit how high the object was released.
 
     One demonstration tells height alone, so only what is clear is told: placed from above the drop height, or dropped
-    from below `least_drop_m`. Learning judges all demonstrations together (see `verdict`).
+    from below `least_drop_m`. Learning judges all demonstrations together (see `label_check`).
     """
     for action in demonstration.actions:
         fall = None if action.type == "pick" else _fall_m(action, demonstration.base_frame)
@@ -55,7 +50,7 @@ def _fall_m(action: DemonstratedAction, base_frame: str) -> float | None:
     return action.objects[action.object].position[2] - action.rest[base_frame].position[2]
 
 
-def verdict(samples: Sequence[Sample], spread_m: float, on_top: bool, parameters: InferenceParameters) -> Verdict:
+def label_check(samples: Samples, spread_m: float, on_top: bool, parameters: InferenceParameters) -> LabelCheck:
     """The label that fits the releases of one target.
 
     `spread_m` is the greatest distance of a rest to their mean; `on_top` tells that the object rests upon another
@@ -63,22 +58,24 @@ def verdict(samples: Sequence[Sample], spread_m: float, on_top: bool, parameters
     from above the drop height, or lies further apart than a placement may, was dropped; what was set down low and
     tightly was placed. In between, and where no rest was seen, the operator is right; a person who relabelled is.
     """
-    by_person = [sample.action.type for sample in samples if sample.action.relabelled]
-    chosen = _majority(by_person or [sample.action.type for sample in samples])
-    if by_person:
-        return Verdict(chosen, chosen, "a person gave this label afterwards")
-    falls = [fall for fall in map(fall_m, samples) if fall is not None]
-    if not falls:
-        return Verdict(chosen, chosen, "the object was not seen at rest; the operator's label stands")
+    by_person = samples.type[samples.relabelled]
+    chosen = _majority(by_person if len(by_person) else samples.type)
+    if len(by_person):
+        return LabelCheck(chosen, chosen, "a person gave this label afterwards")
+    falls = samples.fall_m[~np.isnan(samples.fall_m)]
+    if not len(falls):
+        return LabelCheck(chosen, chosen, "the object was not seen at rest; the operator's label stands")
     fall = float(np.median(falls))
     evidence = f"released {1000 * fall:.0f} mm above its rest, rests within {1000 * spread_m:.0f} mm of their mean"
     tight = len(samples) >= parameters.min_samples and spread_m < parameters.tight_m
     if tight and on_top:
-        return Verdict("place", chosen, f"{evidence}, upon another object")
+        return LabelCheck("place", chosen, f"{evidence}, upon another object")
     if fall > parameters.drop_height_m or spread_m > parameters.place_radius_m:
-        return Verdict("drop", chosen, evidence)
-    return Verdict("place" if tight else chosen, chosen, evidence)
+        return LabelCheck("drop", chosen, evidence)
+    return LabelCheck("place" if tight else chosen, chosen, evidence)
 
 
-def _majority(labels: Sequence[str]) -> str:
-    return max(sorted(set(labels)), key=list(labels).count)
+def _majority(labels: Names) -> str:
+    """The most frequent label, of equally frequent ones the first by name."""
+    names, counts = np.unique(labels, return_counts=True)
+    return str(names[np.argmax(counts)])

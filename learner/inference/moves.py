@@ -2,82 +2,128 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from learner.inference.parameters import InferenceParameters
-from learner.inference.samples import Sample
-from learner.model import DemonstratedAction, Demonstration
+from learner.inference.samples import Names, Samples
+from learner.model.pose import Array
+from learner.model.poses import Mask, Rows
+
+NONE = -1
+"""Stands for the release of a move that ends the demonstration with its pick."""
 
 
-@dataclass(frozen=True)
-class Move:
-    """One object, picked and released; `release` is None for a pick that ends the demonstration.
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """Objects that were picked and released: m moves, by demonstration and in order.
 
-    `put_back`: it was put down where it had been picked up. That is a mistake taken back, unless other demonstrations
-    put it there too, for whom it had to come from further away.
+    `pick` and `release` are places (m,) in `samples`; the release is NONE for a pick that ends the demonstration.
+    `put_back` tells which (m,) were put down where they had been picked up. That is a mistake taken back, unless
+    other demonstrations put the object there too, for whom it had to come from further away.
     """
 
-    demonstration: int
-    pick: DemonstratedAction
-    release: DemonstratedAction | None
-    put_back: bool = False
+    samples: Samples
+    pick: Rows
+    release: Rows
+    put_back: Mask
+
+    def __len__(self) -> int:
+        return len(self.pick)
+
+    @cached_property
+    def object(self) -> Names:
+        """What each moved (m,)."""
+        return self.samples.object[self.pick]
+
+    @cached_property
+    def demonstration(self) -> Rows:
+        """The number (m,) of the demonstration of each."""
+        return self.samples.demonstration[self.pick]
 
     @property
-    def object(self) -> str:
-        return self.pick.object
+    def released(self) -> Mask:
+        """Which (m,) have a release."""
+        return np.asarray(self.release != NONE)
+
+    def picks(self, which: Rows | Mask) -> Samples:
+        """The picks of some moves."""
+        return self.samples[self.pick[which]]
+
+    def releases(self, which: Rows | Mask | Sequence[int]) -> Samples:
+        """The releases of some moves, all of which have one."""
+        return self.samples[self.release[np.asarray(which)]]
+
+    def name(self, number: int) -> str:
+        """The id of the demonstration of a move."""
+        return str(self.samples.demonstrations[self.demonstration[number]].demonstration_id)
+
+    def last_step(self, number: int) -> int:
+        """The place in its demonstration of the last action of a move."""
+        row = self.pick[number] if self.release[number] == NONE else self.release[number]
+        return int(self.samples.step[row])
 
 
-def moves_of(
-    number: int, demonstration: Demonstration, parameters: InferenceParameters
-) -> tuple[list[Move], list[str]]:
-    """The moves of one demonstration, and a note on each that was left out.
+def moves_of(samples: Samples, parameters: InferenceParameters) -> tuple[Moves, list[str]]:
+    """The moves of all actions of some demonstrations, and a note on each that was left out.
 
     Left out are what the very next move corrects, and what was put back to where this demonstration had put it before.
     """
-    kept: list[Move] = []
+    pairs = _pairs(samples)
+    moved_m = _displacements_m(pairs)
+    everything = Moves(samples, pairs.pick, pairs.release, moved_m < parameters.put_back_m)
+    left_alone = moved_m < parameters.left_alone_m
+    kept: list[int] = []
     notes: list[str] = []
-    for pair in _pairs(number, demonstration):
-        moved_m = _displacement_m(demonstration, pair)
-        move = replace(pair, put_back=moved_m < parameters.put_back_m)
-        if moved_m < parameters.left_alone_m and any(earlier.object == move.object for earlier in kept):
-            notes.append(f"{_where(demonstration, move)}: {move.object} was put back; not part of the task")
+    for one in _by_demonstration(everything):
+        found, left_out = _cleaned(one, everything, left_alone)
+        kept += found
+        notes += left_out
+    return Moves(samples, pairs.pick[kept], pairs.release[kept], everything.put_back[kept]), notes
+
+
+def _pairs(samples: Samples) -> Moves:
+    """Picks with their releases, in order. An observation guarantees that they alternate."""
+    picks = np.flatnonzero(samples.step % 2 == 0)
+    following = np.minimum(picks + 1, len(samples) - 1)
+    paired = (picks + 1 < len(samples)) & (samples.demonstration[following] == samples.demonstration[picks])
+    return Moves(samples, picks, np.where(paired, following, NONE), np.zeros(len(picks), dtype=np.bool_))
+
+
+def _displacements_m(pairs: Moves) -> Array:
+    """How far each object came in the base [m] from where it was picked up to where it rests; inf if it is held."""
+    samples, base = pairs.samples, pairs.samples.base
+    before = samples.release(base).positions[pairs.pick]
+    after = samples.rest(base).positions[pairs.release]
+    moved_m = np.linalg.norm(after - before, axis=1)
+    return np.where(pairs.released & samples.rest_known[pairs.release], moved_m, np.inf)
+
+
+def _by_demonstration(moves: Moves) -> Iterator[list[int]]:
+    """The numbers of the moves of each demonstration."""
+    begins = np.flatnonzero(np.diff(moves.demonstration, prepend=-1))
+    return (numbers.tolist() for numbers in np.split(np.arange(len(moves)), begins[1:]) if len(numbers))
+
+
+def _cleaned(numbers: Sequence[int], moves: Moves, left_alone: Mask) -> tuple[list[int], list[str]]:
+    """Those moves of one demonstration that are kept, and a note on each of the others."""
+    names = moves.object[numbers].tolist()
+    if len(set(names)) == len(names):
+        return list(numbers), []
+    kept: list[int] = []
+    notes: list[str] = []
+    for number, name in zip(numbers, names, strict=True):
+        if left_alone[number] and any(moves.object[earlier] == name for earlier in kept):
+            notes.append(f"{_where(moves, number)}: {name} was put back; not part of the task")
             continue
-        if kept and kept[-1].object == move.object and kept[-1].release is not None:
-            notes.append(f"{_where(demonstration, kept[-1])}: {move.object} was moved again at once; the last counts")
-            kept.pop()
-        kept.append(move)
+        if kept and moves.object[kept[-1]] == name and moves.release[kept[-1]] != NONE:
+            notes.append(f"{_where(moves, kept.pop())}: {name} was moved again at once; the last counts")
+        kept.append(number)
     return kept, notes
 
 
-def _pairs(number: int, demonstration: Demonstration) -> list[Move]:
-    """Picks with their releases, in order. An observation guarantees that they alternate."""
-    actions = list(demonstration.actions)
-    pairs = []
-    for index in range(0, len(actions), 2):
-        release = actions[index + 1] if index + 1 < len(actions) else None
-        pairs.append(Move(number, actions[index], release))
-    return pairs
-
-
-def _displacement_m(demonstration: Demonstration, move: Move) -> float:
-    """How far the object came in the base [m] from where it was picked up to where it rests; inf if it is held."""
-    if move.release is None or move.release.rest is None:
-        return math.inf
-    before = move.pick.objects[move.object].position
-    after = move.release.rest[demonstration.base_frame].position
-    return float(np.linalg.norm(np.subtract(after, before)))
-
-
-def _where(demonstration: Demonstration, move: Move) -> str:
-    return f"demonstration {demonstration.demonstration_id}, action {move.pick.step}"
-
-
-def release_sample(demonstrations: Sequence[Demonstration], move: Move) -> Sample:
-    """The release of a move as a sample."""
-    assert move.release is not None
-    demonstration = demonstrations[move.demonstration]
-    return Sample(move.demonstration, demonstration.user, demonstration.base_frame, move.release)
+def _where(moves: Moves, number: int) -> str:
+    return f"demonstration {moves.name(number)}, action {moves.samples.step[moves.pick[number]]}"

@@ -52,6 +52,16 @@ class InferenceParameters:
     """A set of rests within this of its mean was placed on purpose."""
     place_radius_m: float = PLACE_RADIUS_M
     """Rests further than this from their mean were not placed (paper, section III-B)."""
+    likely: float = 0.02
+    """What an object rests upon stands in for a frame that the task keeps rigid with it from this probability on."""
+    cube_m: float = 0.05
+    """Distances between objects are those between the middles of cubes of this size."""
+    lost_m: float = 0.04
+    """An object further than this from where it rested in a frame has not kept its place in that frame."""
+    upon_radii: float = 1.5
+    """What rests within so many times `tight_m` of the middle of another, and high enough, rests upon it."""
+    upon_heights: float = 0.4
+    """High enough is this share of both heights together above the other's origin; half of each would be exact."""
     same_goal_m: float = 0.049
     """An object that lies this near to a target at the end has reached it, whoever brought it there."""
 

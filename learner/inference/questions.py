@@ -27,7 +27,7 @@ def questions(
 def _question(target: Target, base: str) -> dict[str, Any]:
     rival = target.rival()
     show = _contrast(target.frame, str(rival), base)
-    action = f"{target.verdict.type} {target.object}"
+    action = f"{target.type} {target.object}"
     return {
         "action": action,
         "frame": target.frame,

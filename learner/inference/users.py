@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from learner.errors import NothingLearnedError
-from learner.inference.understanding import Understanding, understand
+from learner.inference.understanding import Understanding, understand_samples
+from learner.model.poses import Mask
 
 
 def understood_without(understood: Understanding) -> dict[str, Understanding | None]:
@@ -14,14 +17,20 @@ def understood_without(understood: Understanding) -> dict[str, Understanding | N
 
     None where they are too few to make a cluster, or mean nothing; empty for a single user.
     """
-    users = sorted({demonstration.user for demonstration in understood.demonstrations})
-    return {user: _of_others(user, understood) for user in users} if len(users) > 1 else {}
+    samples = understood.samples
+    users, least = np.unique(samples.users).tolist(), understood.parameters.min_samples
+    if len(users) == 1:
+        return {}
+    return {
+        user: understood_of(others, understood) if (others := samples.users != user).sum() >= least else None
+        for user in users
+    }
 
 
-def _of_others(user: str, understood: Understanding) -> Understanding | None:
-    others = [demonstration for demonstration in understood.demonstrations if demonstration.user != user]
+def understood_of(which: Mask, understood: Understanding) -> Understanding | None:
+    """What some of the demonstrations (k,) mean by themselves; None if that is nothing."""
     try:
-        return understand(others, understood.parameters) if len(others) >= understood.parameters.min_samples else None
+        return understand_samples(understood.samples.of_demonstrations(which), understood.parameters)
     except NothingLearnedError:
         return None
 
@@ -36,13 +45,13 @@ def agreement(understood: Understanding, without: Mapping[str, Understanding | N
 
 
 def _of_user(user: str, understood: Understanding, others: Understanding | None) -> dict[str, Any]:
-    mine = [n for n, demonstration in enumerate(understood.demonstrations) if demonstration.user == user]
-    strange = [understood.moves[number] for number in understood.strange]
-    differs = sorted({move.object for move in strange if move.demonstration in mine and not move.put_back})
+    moves, strange = understood.moves, np.array(understood.strange, dtype=np.intp)
+    mine = strange[understood.samples.users[moves.demonstration[strange]] == user]
+    differs = np.unique(moves.object[mine[~moves.put_back[mine]]]).tolist()
     same = None if others is None else others.meaning == understood.meaning
     return {
         "user": user,
-        "demonstrations": len(mine),
+        "demonstrations": int((understood.samples.users == user).sum()),
         "differs": differs,
         "same_without": same,
         "sentence": _sentence(user, differs, same),

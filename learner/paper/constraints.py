@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from learner.inference.order import Key, orders
+from learner.inference.chains import Key, orders
 from learner.model import Action, Condition, InGripper, ObjectAt, ObjectRoughlyAt, compatible
 from learner.model.names import NONE
 

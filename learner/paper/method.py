@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from learner.inference.clustering import Cluster, clusters_in_frame
-from learner.inference.samples import Sample, candidate_frames, positions_in, samples_of
+from learner.inference.samples import Samples
 from learner.learned import Learned
 from learner.model import Action, Definition, Demonstration, Drop, Pick, Place, SetGripper, Tree
 from learner.model.condition import GripperState
@@ -36,22 +36,25 @@ def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameter
     simulator, the tree is the one that it grew until then, as the published code's is, and a note says so.
     """
     numbers = parameters.paper
-    samples = samples_of(demonstrations)
+    samples = Samples.of(demonstrations)
     identities, clusters = identify(samples, len(demonstrations), numbers)
-    actions = {key: _action(key, clusters.get(key), samples, identities, numbers) for key in set(identities)}
+    members: dict[Identity, list[int]] = defaultdict(list)
+    for row, identity in enumerate(identities):
+        members[identity].append(row)
+    actions = {key: _action(samples[np.array(rows)], clusters.get(key), numbers) for key, rows in members.items()}
     sequences: list[list[Identity]] = [[] for _ in demonstrations]
-    for sample, identity in zip(samples, identities, strict=True):
-        sequences[sample.demonstration].append(identity)
+    for number, identity in zip(samples.demonstration, identities, strict=True):
+        sequences[number].append(identity)
     groups = _groups(sequences, actions)
     plans = [_plan(group, actions, numbers) for group in groups]
     roots = [plan.root for plan in plans]
     root = roots[0] if len(roots) == 1 else fallback(*roots, reactive=False)
-    members = [sorted(_members(group, sequences, demonstrations)) for group in groups]
+    shown = [sorted(_members(group, sequences, demonstrations)) for group in groups]
     report = {
-        "groups": [{"demonstrations": m, "reached": p.reached} for m, p in zip(members, plans, strict=True)],
+        "groups": [{"demonstrations": m, "reached": p.reached} for m, p in zip(shown, plans, strict=True)],
         "actions": [_describe(action) for action in sorted(actions.values(), key=repr)],
     }
-    notes = tuple(_unreached(m) for m, plan in zip(members, plans, strict=True) if not plan.reached)
+    notes = tuple(_unreached(m) for m, plan in zip(shown, plans, strict=True) if not plan.reached)
     return Learned(Tree(Definition(main_id(demonstrations), root)), report, notes, parameters)
 
 
@@ -64,12 +67,12 @@ def _unreached(members: Sequence[str]) -> str:
 
 
 def identify(
-    samples: Sequence[Sample], demonstrations: int, numbers: PaperParameters
+    samples: Samples, demonstrations: int, numbers: PaperParameters
 ) -> tuple[list[Identity], dict[Identity, Cluster]]:
     """The identity of every sample, and the cluster of every identity that has one (section III-E)."""
     classes: dict[tuple[str, str], list[int]] = defaultdict(list)
-    for number, sample in enumerate(samples):
-        classes[sample.action.type, sample.action.object].append(number)
+    for number, kind_and_name in enumerate(zip(samples.type.tolist(), samples.object.tolist(), strict=True)):
+        classes[kind_and_name].append(number)
     identities: list[Identity] = [()] * len(samples)
     best: dict[Identity, Cluster] = {}
     for (kind, name), members in sorted(classes.items()):
@@ -85,13 +88,13 @@ def identify(
     return identities, best
 
 
-def _memberships(
-    samples: Sequence[Sample], members: Sequence[int], min_samples: int, eps_m: float
-) -> dict[int, list[Cluster]]:
+def _memberships(samples: Samples, members: Sequence[int], min_samples: int, eps_m: float) -> dict[int, list[Cluster]]:
     """For each sample the clusters that it lies in, the best first; of equal ones that in the base, then by frame."""
     found: dict[int, list[Cluster]] = {number: [] for number in members}
-    for frame in candidate_frames(samples[number] for number in members):
-        known, points = positions_in(frame, samples, members, "target")
+    rows = np.array(members, dtype=np.intp)
+    for frame in samples[rows].frames:
+        known = rows[samples.candidate(frame)[rows]]
+        points = samples.target(frame).positions[known]
         for cluster in clusters_in_frame(frame, known, points, eps_m, min_samples):
             for number in cluster.members:
                 found[number].append(cluster)
@@ -102,27 +105,19 @@ def _tells_contexts(ranked: Sequence[Cluster], demonstrations: int, numbers: Pap
     return len(ranked) > 1 and ranked[1].score >= numbers.context_score_per_demonstration * demonstrations
 
 
-def _action(
-    key: Identity,
-    cluster: Cluster | None,
-    samples: Sequence[Sample],
-    identities: Sequence[Identity],
-    numbers: PaperParameters,
-) -> Action:
-    """The action of an identity; what it achieves is the mean of the rests.
+def _action(samples: Samples, cluster: Cluster | None, numbers: PaperParameters) -> Action:
+    """The action that these samples show; what it achieves is the mean of the rests.
 
     Executed is what the reference code executes: the mean position of the picks, and of one of the placements its own;
     there it is drawn anew each time, here it is the first, as is the orientation.
     """
-    members = [samples[number] for number, identity in enumerate(identities) if identity == key]
-    frame = cluster.frame if cluster else members[0].base_frame
-    target = rounded_pose(members[0].target(frame))
-    name = members[0].action.object
-    if members[0].action.type == "pick":
-        mean = rounded_vector(np.mean([sample.target(frame).position for sample in members], axis=0))
-        return Pick(name, frame, mean, target.quaternion_xyzw)
-    rest = rounded_vector(np.mean([sample.rest(frame).position for sample in members], axis=0))
-    if members[0].action.type == "place":
+    frame = cluster.frame if cluster else samples.base
+    target = rounded_pose(samples.target(frame).pose(0))
+    kind, name = str(samples.type[0]), str(samples.object[0])
+    if kind == "pick":
+        return Pick(name, frame, rounded_vector(samples.target(frame).positions.mean(axis=0)), target.quaternion_xyzw)
+    rest = rounded_vector(samples.rest(frame).positions.mean(axis=0))
+    if kind == "place":
         return Place(name, frame, target.position, target.quaternion_xyzw, rest, numbers.place_radius_m)
     return Drop(name, frame, target.position, target.quaternion_xyzw, rest, numbers.drop_radius_m)
 

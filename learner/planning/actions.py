@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
-from learner.inference.moves import Move
+from learner.inference.moves import Moves
 from learner.inference.targets import Target
-from learner.model import DemonstratedAction, Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
+from learner.model import Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
 from learner.model.demonstration import Symmetry
 from learner.model.pose import Array
+from learner.model.poses import Poses
 from learner.planning.grasps import Upright
 from learner.planning.parameters import PlanningParameters
 from learner.planning.rounding import rounded, rounded_pose, rounded_vector
@@ -23,21 +24,13 @@ from learner.planning.symmetry import agreeing_in_object, mean_in_object, mean_o
 class LearnedActions:
     """The actions of a task: `grasps` in each object's own frame, `placements` by target."""
 
-    def __init__(
-        self,
-        demonstrations: Sequence[Demonstration],
-        moves: Sequence[Move],
-        targets: Sequence[Target],
-        parameters: PlanningParameters,
-    ) -> None:
-        self.parameters, self.moves, self.demonstrations = parameters, moves, demonstrations
-        self.scene = scene_of(demonstrations)
-        self.picks: dict[str, list[DemonstratedAction]] = defaultdict(list)
-        for move in moves:
-            self.picks[move.object].append(move.pick)
-        self.axes = {name: upright_axis([p.objects[name] for p in self.picks[name]]) for name in sorted(self.picks)}
+    def __init__(self, moves: Moves, targets: Sequence[Target], parameters: PlanningParameters) -> None:
+        self.parameters, self.moves = parameters, moves
+        self.scene = scene_of(moves.samples.demonstrations)
+        self.picks = {str(name): moves.picks(moves.object == name) for name in np.unique(moves.object)}
+        self.axes = {name: upright_axis(picks.origin(name)) for name, picks in self.picks.items()}
         self.grasps = {name: self._grasp(name) for name in self.axes}
-        self.nearest_m = nearest_rests_m(demonstrations, moves, targets, parameters.same_rest_m)
+        self.nearest_m = nearest_rests_m(moves, targets, parameters.same_rest_m)
         self.placements: Mapping[Target, Place | Drop] = {target: self._placement(target) for target in targets}
 
     def with_radii(self, radii: Iterable[tuple[Target, float]]) -> LearnedActions:
@@ -73,17 +66,17 @@ class LearnedActions:
         flip or come late must not decide it where other objects tell better. Where the hand is beside the origin is
         the object's own, unless too few of its picks agree with what was pooled.
         """
-        own, alike = self._demonstrated(name), [g for other in self._alike(name) for g in self._demonstrated(other)]
+        own, alike = self._demonstrated(name), [self._demonstrated(other) for other in self._alike(name)]
         mean, least = self._mean(name, own), self.parameters.min_samples
         if not alike or len(self._agreeing(name, own, mean)) >= max(least, len(own) // 2 + 1):
             return mean
-        pooled = self._mean(name, [*own, *alike])
+        pooled = self._mean(name, Poses.joined([own, *alike]))
         agreeing = self._agreeing(name, own, pooled)
         return self._mean(name, agreeing) if len(agreeing) >= min(least, len(own)) else pooled
 
-    def _demonstrated(self, name: str) -> list[Pose]:
+    def _demonstrated(self, name: str) -> Poses:
         """The end-effector's poses in the object's frame at its picks."""
-        return [pick.objects[name].inverse() @ pick.end_effector for pick in self.picks[name]]
+        return self.picks[name].target(name)
 
     def _alike(self, name: str) -> list[str]:
         """The other picked objects that have the same known shape and stand on the same axis."""
@@ -97,10 +90,10 @@ class LearnedActions:
             and np.array_equal(axis, self.axes[name])
         ]
 
-    def _mean(self, name: str, grasps: Sequence[Pose]) -> Pose:
+    def _mean(self, name: str, grasps: Poses) -> Pose:
         return mean_in_object(grasps, self._symmetry(name), self.axes[name], self.parameters.means)
 
-    def _agreeing(self, name: str, grasps: Sequence[Pose], mean: Pose) -> list[Pose]:
+    def _agreeing(self, name: str, grasps: Poses, mean: Pose) -> Poses:
         orientation = np.array(mean.quaternion_xyzw)
         symmetry, axis = self._symmetry(name), self.axes[name]
         return agreeing_in_object(grasps, orientation, symmetry, axis, self.parameters.means)
@@ -109,17 +102,17 @@ class LearnedActions:
         name, p = target.object, self.parameters
         axis, symmetry = self.axes[name], self._symmetry(name)
         release = mean_of_object(target.releases, symmetry, axis, p.means)
-        if target.verdict.corrected and target.verdict.type == "place":
+        if target.label.corrected and target.type == "place":
             release = self._lowered(target, release)
         hand = rounded_pose(release @ self.grasps[name])
         rest = rounded_vector(self._rest(target))
-        if target.verdict.type == "place":
+        if target.type == "place":
             return Place(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._place_radius(target))
         return Drop(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._drop_radius(target))
 
     def _rest(self, target: Target) -> Array:
         """Where (3,) the object came to rest, in the frame of the target."""
-        return robust_mean(np.array([pose.position for pose in target.rests]), self.parameters.means)
+        return robust_mean(target.rests.positions, self.parameters.means)
 
     def _lowered(self, target: Target, release: Pose) -> Pose:
         """The release brought down to just above the rest: what was dropped upon something is placed upon it."""
@@ -133,7 +126,7 @@ class LearnedActions:
     def _place_radius(self, target: Target) -> float:
         """From the spread of the rests, and less where neighbours or what is stacked must be told apart."""
         p = self.parameters
-        rests = np.array([pose.position for pose in target.rests])
+        rests = target.rests.positions
         sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
         wide = p.noise_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
         apart = p.apart * self.nearest_m.get(target, np.inf)
@@ -142,7 +135,7 @@ class LearnedActions:
 
     def _seen_m(self, target: Target, rests: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
         """The scatter [m] per axis of what a camera sees of an object in a frame that it sees turned, too."""
-        if target.frame == self.demonstrations[0].base_frame:
+        if target.frame == self.moves.samples.base:
             return self.parameters.seen_m
         lever_m = float(np.linalg.norm(np.median(rests, axis=0)))
         return float(np.hypot(np.sqrt(2) * self.parameters.seen_m, self.parameters.seen_rad * lever_m))
@@ -171,30 +164,26 @@ def scene_of(demonstrations: Sequence[Demonstration]) -> Scene | None:
     return newest.scene if newest else None
 
 
-def nearest_rests_m(
-    demonstrations: Sequence[Demonstration], moves: Sequence[Move], targets: Sequence[Target], same_m: float
-) -> Mapping[Target, float]:
+def nearest_rests_m(moves: Moves, targets: Sequence[Target], same_m: float) -> Mapping[Target, float]:
     """For each target the distance [m] to the nearest other target reached in one demonstration, in the base.
 
     The median over demonstrations of the distance between rests. Targets that are never reached in one
     demonstration do not count, nor do equal places, which are nearer than `same_m` [m].
     """
-    rests: dict[int, dict[Target, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]] = defaultdict(dict)
-    for target in targets:
-        for number in target.members:
-            move = moves[number]
-            if move.release is not None and move.release.rest is not None:
-                base = demonstrations[move.demonstration].base_frame
-                rests[move.demonstration][target] = np.array(move.release.rest[base].position)
-    distances: dict[tuple[Target, Target], list[float]] = defaultdict(list)
-    for reached in rests.values():
-        for a, at_a in reached.items():
-            for b, at_b in reached.items():
-                if a is not b:
-                    distances[a, b].append(float(np.linalg.norm(at_a - at_b)))
+    count = len(moves.samples.demonstrations)
+    rests = [_rests_in_base(target, moves, count) for target in targets]
     nearest: dict[Target, float] = {}
-    for (a, _), values in distances.items():
-        middle = float(np.median(values))
-        if middle > same_m:
+    for (a, at_a), (b, at_b) in permutations(zip(targets, rests, strict=True), 2):
+        apart = np.linalg.norm(at_a - at_b, axis=1)
+        both = apart[~np.isnan(apart)]
+        middle = float(np.median(both)) if len(both) else 0.0
+        if a is not b and middle > same_m:
             nearest[a] = min(middle, nearest.get(a, np.inf))
     return nearest
+
+
+def _rests_in_base(target: Target, moves: Moves, count: int) -> Array:
+    """Where the object came to rest at a target in each demonstration (count, 3), the last time; NaN for never."""
+    found, members = np.full((count, 3), np.nan), list(target.members)
+    found[moves.demonstration[members]] = moves.releases(members).rest(moves.samples.base).positions
+    return found

@@ -52,9 +52,9 @@ class Covers:
         Only where it stood on the table whenever the operator placed something in its frame.
         """
         obstacles, frame = self.obstacles, subgoal.target.frame
-        moves = [obstacles.actions.moves[number] for number in subgoal.target.members]
-        heights = [m.release.objects[frame].position[2] for m in moves if m.release and frame in m.release.objects]
-        if frame not in obstacles.picks or not heights or not obstacles.has_scene:
+        stood = obstacles.actions.moves.releases(subgoal.target.members).origin(frame)
+        heights = stood.positions[stood.known, 2]
+        if frame not in obstacles.picks or not len(heights) or not obstacles.has_scene:
             return []
         highest = min(obstacles.first_heights_m(frame)) + obstacles.parameters.on_table_m
         on_table = float(np.median(heights)) < highest

@@ -41,7 +41,8 @@ class Draft:
         """The targets that a demonstration of some group reached; not those of somebody who means another task."""
         understood = self.understood
         counted = {number for group in understood.groups for number in group.demonstrations}
-        return [t for t in understood.targets if any(understood.moves[m].demonstration in counted for m in t.members)]
+        of = understood.moves.demonstration
+        return [t for t in understood.targets if not counted.isdisjoint(of[list(t.members)].tolist())]
 
     def nominal_tree(self) -> Tree:
         """The tree without the SubTrees that only recover; much faster made than those are."""
@@ -51,8 +52,7 @@ class Draft:
     @cached_property
     def actions(self) -> LearnedActions:
         """The actions as they were demonstrated; worked out once, since nothing changes them."""
-        understood = self.understood
-        return LearnedActions(understood.demonstrations, understood.moves, understood.targets, self.parameters)
+        return LearnedActions(self.understood.moves, self.understood.targets, self.parameters)
 
     @property
     def placements(self) -> Mapping[Target, Place | Drop]:

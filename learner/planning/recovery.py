@@ -156,10 +156,10 @@ class PileRecovery:
     def _turns_others(self, name: str) -> bool:
         """Whether something belongs beside the object, so that how it is turned decides where."""
         others = (t for t in self.occupations.targets if t.object != name and name in t.tied | {t.frame})
-        releases = (self.obstacles.actions.moves[number].release for target in others for number in target.members)
-        rests = (r.rest[name].position for r in releases if r and r.rest and name in r.rest)
+        moves = self.obstacles.actions.moves
+        rests = np.concatenate([np.empty((0, 3)), *(moves.releases(t.members).rest(name).positions for t in others)])
         up, beside_m = self.obstacles.ups[name], self.obstacles.parameters.beside_m
-        return any(float(np.linalg.norm(cross(up, np.array(rest)))) > beside_m for rest in rests)
+        return bool((np.linalg.norm(cross(up, rests), axis=1) > beside_m).any())
 
     def _is_placed(self, name: str) -> bool:
         """Whether the task itself places an object."""

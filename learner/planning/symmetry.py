@@ -6,23 +6,23 @@ Only turns about the axis that stands upright are used: they keep an approach fr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from learner.model import Pose
 from learner.model.demonstration import Symmetry
 from learner.model.pose import Array, angle_between, conjugate, mean_quaternion, multiply, rotate
+from learner.model.poses import Poses
 from learner.planning.parameters import MeanParameters
 
 QUARTERS = {"none": 1, "box": 2, "cube": 4}
 """How many turns about an upright axis leave a shape as it is; `vertical` admits any turn about its z axis."""
 
 
-def upright_axis(poses_in_base: Sequence[Pose]) -> Array:
+def upright_axis(poses_in_base: Poses) -> Array:
     """The object's own axis (3,), one of ±x, ±y, ±z, that points up in the base on average."""
-    quaternions = np.array([pose.quaternion_xyzw for pose in poses_in_base])
-    up = rotate(conjugate(quaternions), np.array([0.0, 0.0, 1.0])).mean(axis=0)
+    up = rotate(conjugate(poses_in_base.quaternions_xyzw), np.array([0.0, 0.0, 1.0])).mean(axis=0)
     axis = np.zeros(3)
     strongest = int(np.argmax(np.abs(up)))
     axis[strongest] = math.copysign(1.0, up[strongest])
@@ -46,13 +46,13 @@ def nearest_turns(relative: Array, symmetry: Symmetry, axis: Array) -> Array:
     return np.asarray(candidates[np.argmax(np.abs(relative @ candidates.T), axis=-1)])
 
 
-def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
+def mean_in_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
     """The mean of poses given in an object's frame (grasps), modulo the object's symmetry.
 
     The others are turned to the pose that most of them agree with; those that do not, at any turn, are left out. Of an
     object that may have no symmetry, grasps a quarter turn from it still tell where it is grasped.
     """
-    quaternions = np.array([pose.quaternion_xyzw for pose in poses])
+    quaternions = poses.quaternions_xyzw
 
     def turned(reference: Array) -> tuple[Array, Array]:
         turn = nearest_turns(multiply(reference, conjugate(quaternions)), symmetry, axis)
@@ -63,30 +63,30 @@ def mean_in_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, param
     if symmetry == "none":
         quarter = nearest_turns(multiply(mean, conjugate(quaternions)), "cube", axis)
         agreeing = angle_between(multiply(quarter, quaternions), mean) < parameters.aligned_rad
-    positions = rotate(turn, np.array([pose.position for pose in poses]))
+    positions = rotate(turn, poses.positions)
     return Pose.of(robust_mean(positions[agreeing], parameters), mean)
 
 
 def agreeing_in_object(
-    poses: Sequence[Pose], orientation: Array, symmetry: Symmetry, axis: Array, parameters: MeanParameters
-) -> list[Pose]:
+    poses: Poses, orientation: Array, symmetry: Symmetry, axis: Array, parameters: MeanParameters
+) -> Poses:
     """Those of `poses` in an object's frame that some turn that looks the same brings near `orientation` (4,)."""
-    quaternions = np.array([pose.quaternion_xyzw for pose in poses])
+    quaternions = poses.quaternions_xyzw
     turn = nearest_turns(multiply(orientation, conjugate(quaternions)), symmetry, axis)
     near = angle_between(multiply(turn, quaternions), orientation) < parameters.aligned_rad
-    return [pose for pose, agrees in zip(poses, near, strict=True) if agrees]
+    return poses[near]
 
 
-def mean_of_object(poses: Sequence[Pose], symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
+def mean_of_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
     """The mean of an object's poses in some frame (rests), modulo the turns of the object about its own `axis`."""
-    quaternions = np.array([pose.quaternion_xyzw for pose in poses])
+    quaternions = poses.quaternions_xyzw
 
     def turned(reference: Array) -> tuple[Array, Array]:
         turn = nearest_turns(multiply(conjugate(quaternions), reference), symmetry, axis)
         return turn, multiply(quaternions, turn)
 
     _, aligned, agreeing = _most_agreeing(quaternions, turned, parameters)
-    position = robust_mean(np.array([pose.position for pose in poses]), parameters)
+    position = robust_mean(poses.positions, parameters)
     return Pose.of(position, mean_quaternion(aligned[agreeing]))
 
 

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from learner.errors import NothingLearnedError
-from learner.inference.understanding import Understanding, understand
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from learner.inference.understanding import Understanding
+from learner.inference.users import understood_of
 from learner.model import ObjectAt
 from learner.model.condition import ObjectRoughlyAt
 from learner.planning.draft import Draft
@@ -11,6 +16,11 @@ from learner.rehearsal.goal import Goal, Relation, on_stage
 from learner.rehearsal.rehearsal import Actor, perform
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.stage import Stage
+
+MOST_STARTS: Final = 10
+"""So many demonstrations of each user are tried at most, spread evenly over all that they gave: enough to tell half."""
+Step = tuple[str, int]
+"""A pick: the id of its demonstration, and its place in it."""
 
 
 def success_without(draft: Draft, stage: Stage) -> dict[str, str | None]:
@@ -24,50 +34,55 @@ def success_without(draft: Draft, stage: Stage) -> dict[str, str | None]:
 
 
 def _success(user: str, others: Understanding | None, draft: Draft, stage: Stage) -> str | None:
-    mine = [n for n, demonstration in enumerate(draft.understood.demonstrations) if demonstration.user == user]
     starts = {start.demonstration_id: start for start in stage.starts}
-    ids = {n: draft.understood.demonstrations[n].demonstration_id for n in mine}
-    known = [n for n in mine if ids[n] in starts]
-    if others is None or not known:
+    shown = draft.understood.samples
+    mine = [int(n) for n in np.flatnonzero(shown.users == user) if shown.demonstrations[n].demonstration_id in starts]
+    if others is None or not mine:
         return None
+    tried = [mine[n] for n in np.linspace(0, len(mine) - 1, min(len(mine), MOST_STARTS)).round().astype(int)]
     actor = Actor(stage.root(Draft(others, draft.parameters, {}).nominal_tree().flattened()))
-    ends = _ends(user, draft, stage)
-    done = [perform(Rollout(ids[n], starts[ids[n]].spots), actor, stage, [ends[n]], n).done for n in known if n in ends]
-    return f"{sum(done)} of {len(known)}"
+    ends = _ends(user, tried, draft, stage)
+    done = 0
+    for number in tried:
+        name = shown.demonstrations[number].demonstration_id
+        goals = [ends[name]] if name in ends else []
+        done += bool(goals) and perform(Rollout(name, starts[name].spots), actor, stage, goals, number).done
+    return f"{done} of {len(tried)}"
 
 
-def _ends(user: str, draft: Draft, stage: Stage) -> dict[int, Goal]:
+def _ends(user: str, tried: Sequence[int], draft: Draft, stage: Stage) -> dict[str, Goal]:
     """By demonstration, where the user left what belongs to the task, or what they put there time and again."""
     understood = draft.understood
-    places = {**_reached(_alone(user, draft)), **_reached(understood)}
-    ends: dict[int, dict[str, Relation]] = {}
-    for move in understood.moves:
-        name = understood.demonstrations[move.demonstration].demonstration_id
-        if understood.demonstrations[move.demonstration].user == user and (name, move.pick.step) in places:
-            ends.setdefault(move.demonstration, {})[move.object] = places[name, move.pick.step]
+    names = {understood.demonstrations[number].demonstration_id for number in tried}
+    alone = understood_of(understood.samples.users == user, understood)
+    places = {**(_reached(alone, names) if alone else {}), **_reached(understood, names)}
+    moves = understood.moves
+    ends: dict[str, dict[str, Relation]] = {}
+    for number in np.flatnonzero(np.isin(moves.demonstration, tried)):
+        step = _pick(int(number), understood)
+        if step in places:
+            ends.setdefault(step[0], {})[str(moves.object[number])] = places[step]
+    most = 2 * len(understood.targets)
     return {
-        number: Goal(tuple(on_stage(end, stage) for end in found.values()), actions=2 * len(understood.targets))
-        for number, found in ends.items()
+        name: Goal(tuple(on_stage(end, stage) for end in found.values()), actions=most) for name, found in ends.items()
     }
 
 
-def _alone(user: str, draft: Draft) -> Understanding | None:
-    """What a user's own demonstrations mean; None if they mean nothing."""
-    mine = [demonstration for demonstration in draft.understood.demonstrations if demonstration.user == user]
-    try:
-        return understand(mine, draft.understood.parameters)
-    except NothingLearnedError:
-        return None
-
-
-def _reached(understood: Understanding | None) -> dict[tuple[str, int], Relation]:
-    """By demonstration and step of the pick, where an object came to rest that was brought to a supported target."""
-    found: dict[tuple[str, int], Relation] = {}
-    for target in understood.targets if understood else ():
-        kind = ObjectAt if target.verdict.type == "place" else ObjectRoughlyAt
-        for number, rest in zip(target.members, target.rests, strict=True) if target.supported else ():
-            assert understood is not None
-            move = understood.moves[number]
-            name = understood.demonstrations[move.demonstration].demonstration_id
-            found[name, move.pick.step] = kind(target.object, target.frame, rest.position)
+def _reached(understood: Understanding, names: set[str]) -> dict[Step, Relation]:
+    """Where an object came to rest that was brought to a supported target, in the demonstrations of these names."""
+    moves = understood.moves
+    named = np.array([each.demonstration_id in names for each in understood.demonstrations], dtype=np.bool_)
+    found: dict[Step, Relation] = {}
+    for target in understood.targets:
+        kind = ObjectAt if target.type == "place" else ObjectRoughlyAt
+        members = np.array(target.members, dtype=np.intp)
+        for row in np.flatnonzero(named[moves.demonstration[members]]) if target.supported else ():
+            rest = target.rests.pose(int(row)).position
+            found[_pick(int(members[row]), understood)] = kind(target.object, target.frame, rest)
     return found
+
+
+def _pick(number: int, understood: Understanding) -> Step:
+    """The pick of a move."""
+    moves = understood.moves
+    return moves.name(number), int(moves.samples.step[moves.pick[number]])

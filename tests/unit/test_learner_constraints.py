@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learner.inference.order import orders
+from learner.inference.chains import orders
 from learner.model import Action, Condition, Drop, GripperIs, InGripper, ObjectAt, Pick, Place, compatible
 from learner.paper.constraints import goals, guards
 

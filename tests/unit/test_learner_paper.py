@@ -9,7 +9,7 @@ import pytest
 from support_demonstrations import ON_TOP, Put, Script, Take, hanoi, hanoi_start, repeated, scattered, scripted
 from support_pose_world import PoseWorld, done
 
-from learner.inference.samples import samples_of
+from learner.inference.samples import Samples
 from learner.learned import Learned
 from learner.learning import METHODS, learn
 from learner.model import Demonstration
@@ -61,9 +61,9 @@ def test_one_placement_in_two_contexts_is_two_actions(count: int) -> None:
     """The paper's Fig. 2: right of the circle, with the circle left of the square, and again with it right of it."""
     left, right = Put("C", "S", (0.0, 0.12, 0.0)), Put("C", "S", (0.0, -0.12, 0.0))
     beside = Put("T", "C", (0.12, 0.0, 0.0))
-    samples = samples_of(shown([left, beside, right, beside], "T C S", count))
+    samples = Samples.of(shown([left, beside, right, beside], "T C S", count))
     identities, _ = identify(samples, count, PaperParameters())
-    placed = [identity for identity, sample in zip(identities, samples, strict=True) if sample.action.rest is not None]
+    placed = [identity for identity, rested in zip(identities, samples.rest_known, strict=True) if rested]
     contexts = [placed[number] for number in range(len(placed)) if placed[number][:2] == ("place", "T")]
     assert len(set(contexts)) == 2
     assert contexts == contexts[:2] * count

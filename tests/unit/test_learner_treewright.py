@@ -11,9 +11,8 @@ import pytest
 from support_demonstrations import BASE, GRASP, ON_TOP, Put, Script, Shove, Take, at, scattered, scripted, turned
 from support_pose_world import PoseWorld, done
 
-from learner.inference.moves import moves_of
 from learner.inference.parameters import InferenceParameters
-from learner.inference.targets import TargetFinder
+from learner.inference.understanding import understand
 from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, Node, ObjectShape, Pose, Scene
@@ -275,9 +274,8 @@ def test_frames_called_certain_are_right_as_often_as_they_are_called() -> None:
     right: list[bool] = []
     for _ in range(300):
         true, demonstrations = random_set(rng)
-        moves = [move for n, d in enumerate(demonstrations) for move in moves_of(n, d, parameters)[0]]
-        for target in TargetFinder(demonstrations, moves, parameters).find():
-            if target.certainty >= parameters.sure:
+        for target in understand(demonstrations, parameters).targets:
+            if target.supported and target.certainty >= parameters.sure:
                 right.append(target.frame == true)
     assert len(right) > 120, "a learner that is never certain is calibrated but of no use"
     assert len(right) < 290, "some of these sets cannot be told apart"

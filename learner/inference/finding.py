@@ -1,0 +1,145 @@
+"""How targets are found, after the paper's section III-E: clusters in every candidate frame, the best one first.
+
+The frame of a cluster is the one that the evidence speaks for (`learner.inference.frames`); contexts are split only
+where a demonstration repeats a target (`learner.inference.contexts`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from learner.inference.clustering import Cluster, clusters_in_frame, dbscan
+from learner.inference.contexts import by_time
+from learner.inference.frames import dropped, intended
+from learner.inference.moves import Moves
+from learner.inference.parameters import InferenceParameters
+from learner.inference.samples import Samples
+from learner.inference.targets import Target, in_frame, target_of
+from learner.inference.ties import Anchors, anchors_of, tied_frames
+from learner.model.pose import Array
+from learner.model.poses import Rows
+
+
+def find_targets(moves: Moves, parameters: InferenceParameters) -> list[Target]:
+    """Every supported target of all moves of a task, ordered by object and by when it is reached."""
+    demonstrations = moves.samples.demonstrations
+    enough = Enough(
+        parameters.samples_for(len(demonstrations)), parameters.users_for(len(np.unique(moves.samples.users)))
+    )
+    found: list[Target] = []
+    for name in np.unique(moves.object[moves.released]):
+        numbers = np.flatnonzero(moves.released & (moves.object == name))
+        found += _of_object(numbers, moves, enough, parameters) or _pairs(numbers, moves, parameters)
+    anchors = anchors_of(moves, found)
+    return [_with_ties(target, anchors, moves, parameters) for target in found]
+
+
+@dataclass(frozen=True)
+class Enough:
+    """How many demonstrations, and users, must share a cluster."""
+
+    samples: int
+    users: int
+
+    def share(self, numbers: Sequence[int], moves: Moves) -> bool:
+        """Whether enough share these moves, and most of them did not merely put the object back."""
+        members = np.asarray(numbers, dtype=np.intp)
+        if 2 * moves.put_back[members].sum() > len(members):
+            return False
+        demonstrations = np.unique(moves.demonstration[members])
+        users = np.unique(moves.samples.users[demonstrations])
+        return len(users) >= self.users and len(demonstrations) >= self.samples
+
+
+def _of_object(numbers: Rows, moves: Moves, enough: Enough, parameters: InferenceParameters) -> list[Target]:
+    """The targets of one object: of clusters in a narrow neighbourhood, which tells neighbouring placements apart, then
+    in a wide one; for drops in the wide one alone.
+    """
+    p = parameters
+    wide_only = dropped(moves.releases(numbers), p)
+    left, found = numbers, list[Target]()
+    for eps_m in (p.eps_wide_m,) if wide_only else (p.eps_place_m, p.eps_wide_m):
+        while cluster := _best(left, eps_m, moves, enough, p):
+            targets = _contexts(_with_strays(cluster, left, eps_m, moves, enough, p), moves, enough, p)
+            found += targets
+            left = np.setdiff1d(left, [*cluster.members, *(number for target in targets for number in target.members)])
+    return _in_order(found, moves)
+
+
+def _pairs(numbers: Rows, moves: Moves, parameters: InferenceParameters) -> list[Target]:
+    """Targets of an object that fewer demonstrations share than make a cluster, though too near for chance.
+
+    Only where there are enough demonstrations to tell, and most of them move the object: it belongs to the task.
+    """
+    everyone, count = len(moves.samples.demonstrations), len(np.unique(moves.demonstration[numbers]))
+    if everyone < parameters.min_samples or 2 * count <= everyone:
+        return []
+    left, found, two, eps_m = numbers, list[Target](), Enough(2, 1), parameters.eps_pair_m
+    while cluster := _best(left, eps_m, moves, two, parameters):
+        found += _contexts(_with_strays(cluster, left, eps_m, moves, two, parameters), moves, two, parameters)
+        left = np.setdiff1d(left, cluster.members)
+    return _in_order(found, moves)
+
+
+def _in_order(targets: Sequence[Target], moves: Moves) -> list[Target]:
+    """By when they are reached."""
+    when = {target: float(np.mean(moves.releases(target.members).step)) for target in targets}
+    return sorted(targets, key=lambda target: (when[target], target.members))
+
+
+def _best(numbers: Rows, eps_m: float, moves: Moves, enough: Enough, parameters: InferenceParameters) -> Cluster | None:
+    """The cluster with the highest score among those that enough users and demonstrations share."""
+    samples = moves.releases(numbers)
+    best: Cluster | None = None
+    for frame in samples.frames if len(samples) else ():
+        known, points = _known(frame, samples, parameters)
+        for cluster in clusters_in_frame(
+            frame, numbers[known], points, eps_m, enough.samples, parameters.noise_floor_m
+        ):
+            if (best is None or cluster.score > best.score) and enough.share(cluster.members, moves):
+                best = cluster
+    return best
+
+
+def _known(frame: str, samples: Samples, parameters: InferenceParameters) -> tuple[Rows, Array]:
+    """The samples (k,) for which a frame is a candidate, and where they were meant to go in it (k, 3) [m]."""
+    known = np.flatnonzero(samples.candidate(frame))
+    return known, intended(frame, samples, parameters)[known]
+
+
+def _with_strays(
+    cluster: Cluster, numbers: Rows, eps_m: float, moves: Moves, enough: Enough, parameters: InferenceParameters
+) -> Cluster:
+    """The cluster with the samples near it that lie in no cluster of their own."""
+    known, points = _known(cluster.frame, moves.releases(numbers), parameters)
+    labels = dbscan(points, eps_m, enough.samples)
+    away = np.linalg.norm(points - np.array(cluster.mean), axis=1)
+    reach_m = max(eps_m, parameters.eps_wide_m) if eps_m >= parameters.eps_place_m else eps_m
+    strays = numbers[known[(labels < 0) & (away < reach_m)]]
+    return replace(cluster, members=tuple(np.union1d(strays, cluster.members).tolist()))
+
+
+def _contexts(cluster: Cluster, moves: Moves, enough: Enough, parameters: InferenceParameters) -> list[Target]:
+    """The targets in one cluster: several where demonstrations repeat it, told apart by which time it is."""
+
+    def shared(members: Sequence[int]) -> bool:
+        return enough.share(members, moves)
+
+    kept = [members for members in by_time(cluster.members, moves, shared) if shared(members)]
+    found = (target_of(members, moves, parameters, context) for context, members in enumerate(kept))
+    return [target for target in found if target]
+
+
+def _with_ties(target: Target, anchors: Sequence[Anchors], moves: Moves, parameters: InferenceParameters) -> Target:
+    """With the frames that the task keeps rigid with the chosen one.
+
+    Of those, what the object rests upon is chosen: there it is to lie whatever becomes of the rest.
+    """
+    tied = tied_frames(target, anchors)
+    frame = target.upon[0] if target.upon else target.frame
+    if frame not in tied or target.frames[frame] < parameters.likely:
+        return replace(target, tied=tied)
+    return replace(in_frame(target, frame, moves, parameters), tied=(tied | {target.frame}) - {frame})
