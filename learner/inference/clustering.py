@@ -14,8 +14,8 @@ from learner.model.pose import Array
 class Cluster:
     """Samples that lie together in `frame`.
 
-    `members` are sorted sample numbers; `mean` [m]: (3,); `radius` is the greatest distance [m] to the mean; `score`
-    is as in the paper.
+    `members` are sorted sample numbers, `strays` those near it that lie in no cluster of their own; `mean` [m]: (3,);
+    `radius` is the greatest distance [m] of a member to the mean; `score` is as in the paper.
     """
 
     frame: str
@@ -23,6 +23,7 @@ class Cluster:
     mean: tuple[float, ...]
     radius: float
     score: float
+    strays: tuple[int, ...] = ()
 
 
 def score(points: Array, floor_m: float = 0.0) -> float:
@@ -41,24 +42,13 @@ def greatest_distance(points: Array) -> float:
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
 
 
-def dbscan(points: Array, eps_m: float, min_samples: int) -> NDArray[np.intp]:
-    """A label (n,) for each of `points` (n, 3): clusters from 0, -1 for noise. A sample is its own neighbour."""
-    from sklearn.cluster import DBSCAN
-
-    if len(points) < min_samples:
-        return np.full(len(points), -1, dtype=np.intp)
-    # The default for few points runs in threads that wait for one another: ten times slower on a busy machine.
-    return np.asarray(DBSCAN(eps=eps_m, min_samples=min_samples, algorithm="kd_tree").fit(points).labels_)
-
-
 def clusters_in_frame(
-    frame: str, samples: NDArray[np.intp], points: Array, eps_m: float, min_samples: int, floor_m: float = 0.0
+    frame: str, samples: NDArray[np.intp], points: Array, labels: NDArray[np.intp], floor_m: float = 0.0
 ) -> list[Cluster]:
-    """The clusters of `samples` (n,), whose positions in `frame` [m] are `points` (n, 3)."""
-    labels = dbscan(points, eps_m, min_samples)
+    """The clusters of `samples` (n,), whose positions in `frame` [m] are `points` (n, 3); by their `labels` (n,)."""
     found = []
-    for label in range(labels.max(initial=-1) + 1):
-        inside = labels == label
+    by_label = np.argsort(labels, kind="stable")
+    for inside in np.split(by_label, np.searchsorted(labels[by_label], np.arange(labels.max(initial=-1) + 1)))[1:]:
         found.append(of_members(frame, samples[inside], points[inside], floor_m))
     return found
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from learner.inference.clustering import Cluster, clusters_in_frame, dbscan
+from learner.inference.clustering import Cluster, clusters_in_frame
 from learner.inference.contexts import by_time
+from learner.inference.dbscan import dbscan
 from learner.inference.frames import dropped, intended
 from learner.inference.moves import Moves
 from learner.inference.parameters import InferenceParameters
-from learner.inference.samples import Samples
 from learner.inference.targets import Target, in_frame, target_of
 from learner.inference.ties import Anchors, anchors_of, tied_frames
 from learner.model.pose import Array
@@ -63,7 +63,7 @@ def _of_object(numbers: Rows, moves: Moves, enough: Enough, parameters: Inferenc
     left, found = numbers, list[Target]()
     for eps_m in (p.eps_wide_m,) if wide_only else (p.eps_place_m, p.eps_wide_m):
         while cluster := _best(left, eps_m, moves, enough, p):
-            targets = _contexts(_with_strays(cluster, left, eps_m, moves, enough, p), moves, enough, p)
+            targets = _contexts(cluster, moves, enough, p)
             found += targets
             left = np.setdiff1d(left, [*cluster.members, *(number for target in targets for number in target.members)])
     return _in_order(found, moves)
@@ -79,7 +79,7 @@ def _pairs(numbers: Rows, moves: Moves, parameters: InferenceParameters) -> list
         return []
     left, found, two, eps_m = numbers, list[Target](), Enough(2, 1), parameters.eps_pair_m
     while cluster := _best(left, eps_m, moves, two, parameters):
-        found += _contexts(_with_strays(cluster, left, eps_m, moves, two, parameters), moves, two, parameters)
+        found += _contexts(cluster, moves, two, parameters)
         left = np.setdiff1d(left, cluster.members)
     return _in_order(found, moves)
 
@@ -91,35 +91,26 @@ def _in_order(targets: Sequence[Target], moves: Moves) -> list[Target]:
 
 
 def _best(numbers: Rows, eps_m: float, moves: Moves, enough: Enough, parameters: InferenceParameters) -> Cluster | None:
-    """The cluster with the highest score among those that enough users and demonstrations share."""
-    samples = moves.releases(numbers)
-    best: Cluster | None = None
+    """The cluster with the highest score among those that enough users and demonstrations share, with its strays."""
+    samples, floor_m = moves.releases(numbers), parameters.noise_floor_m
+    best: tuple[Cluster, Rows, Array] | None = None
     for frame in samples.frames if len(samples) else ():
-        known, points = _known(frame, samples, parameters)
-        for cluster in clusters_in_frame(
-            frame, numbers[known], points, eps_m, enough.samples, parameters.noise_floor_m
-        ):
-            if (best is None or cluster.score > best.score) and enough.share(cluster.members, moves):
-                best = cluster
-    return best
-
-
-def _known(frame: str, samples: Samples, parameters: InferenceParameters) -> tuple[Rows, Array]:
-    """The samples (k,) for which a frame is a candidate, and where they were meant to go in it (k, 3) [m]."""
-    known = np.flatnonzero(samples.candidate(frame))
-    return known, intended(frame, samples, parameters)[known]
+        known = np.flatnonzero(samples.candidate(frame))
+        points = intended(frame, samples, parameters)[known]
+        labels = dbscan(points, eps_m, enough.samples)
+        for cluster in clusters_in_frame(frame, numbers[known], points, labels, floor_m):
+            if (best is None or cluster.score > best[0].score) and enough.share(cluster.members, moves):
+                best = cluster, numbers[known[labels < 0]], points[labels < 0]
+    return _with_strays(*best, eps_m, parameters) if best else None
 
 
 def _with_strays(
-    cluster: Cluster, numbers: Rows, eps_m: float, moves: Moves, enough: Enough, parameters: InferenceParameters
+    cluster: Cluster, strays: Rows, points: Array, eps_m: float, parameters: InferenceParameters
 ) -> Cluster:
-    """The cluster with the samples near it that lie in no cluster of their own."""
-    known, points = _known(cluster.frame, moves.releases(numbers), parameters)
-    labels = dbscan(points, eps_m, enough.samples)
+    """The cluster with those strays, which lie at `points` (k, 3) in its frame, that are near it."""
     away = np.linalg.norm(points - np.array(cluster.mean), axis=1)
     reach_m = max(eps_m, parameters.eps_wide_m) if eps_m >= parameters.eps_place_m else eps_m
-    strays = numbers[known[(labels < 0) & (away < reach_m)]]
-    return replace(cluster, members=tuple(np.union1d(strays, cluster.members).tolist()))
+    return replace(cluster, strays=tuple(strays[away < reach_m].tolist()))
 
 
 def _contexts(cluster: Cluster, moves: Moves, enough: Enough, parameters: InferenceParameters) -> list[Target]:
@@ -128,7 +119,7 @@ def _contexts(cluster: Cluster, moves: Moves, enough: Enough, parameters: Infere
     def shared(members: Sequence[int]) -> bool:
         return enough.share(members, moves)
 
-    kept = [members for members in by_time(cluster.members, moves, shared) if shared(members)]
+    kept = [members for members in by_time((*cluster.members, *cluster.strays), moves, shared) if shared(members)]
     found = (target_of(members, moves, parameters, context) for context, members in enumerate(kept))
     return [target for target in found if target]
 

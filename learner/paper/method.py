@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from learner.inference.clustering import Cluster, clusters_in_frame
+from learner.inference.dbscan import dbscan
 from learner.inference.samples import Samples
 from learner.learned import Learned
 from learner.model import Action, Definition, Demonstration, Drop, Pick, Place, SetGripper, Tree
@@ -95,7 +96,7 @@ def _memberships(samples: Samples, members: Sequence[int], min_samples: int, eps
     for frame in samples[rows].frames:
         known = rows[samples.candidate(frame)[rows]]
         points = samples.target(frame).positions[known]
-        for cluster in clusters_in_frame(frame, known, points, eps_m, min_samples):
+        for cluster in clusters_in_frame(frame, known, points, dbscan(points, eps_m, min_samples)):
             for number in cluster.members:
                 found[number].append(cluster)
     return {number: sorted(of, key=lambda c: -c.score) for number, of in found.items()}

@@ -16,6 +16,8 @@ from learner.model.pose import Array, angle_between, conjugate, mean_quaternion,
 from learner.model.poses import Poses
 from learner.planning.parameters import MeanParameters
 
+AT_ONCE = 1_000_000
+"""So many numbers are worked on at once."""
 QUARTERS = {"none": 1, "box": 2, "cube": 4}
 """How many turns about an upright axis leave a shape as it is; `vertical` admits any turn about its z axis."""
 
@@ -97,15 +99,22 @@ def _most_agreeing(
 
     The best reference is the one about which the orientations lie densest.
     """
-    step = max(1, len(quaternions) // parameters.references)
-    densest, best = -1.0, (quaternions, quaternions, np.ones(len(quaternions), dtype=np.bool_))
-    for reference in quaternions[::step]:
-        turn, aligned = turned(reference)
-        angles = 2 * np.arccos(np.clip(np.abs(aligned @ reference), 0.0, 1.0))
-        density = float(np.exp(-((2 * angles / parameters.aligned_rad) ** 2)).sum())
-        if density > densest + 1e-9:
-            densest, best = density, (turn, aligned, angles < parameters.aligned_rad)
-    return best
+    references = quaternions[:: max(1, len(quaternions) // parameters.references)]
+    densest, best = -1.0, references[0]
+    for some in np.array_split(references, math.ceil(references.size * len(quaternions) / AT_ONCE)):
+        angles = _angles(turned(some[:, None])[1], some[:, None])
+        for reference, density in zip(
+            some, np.exp(-((2 * angles / parameters.aligned_rad) ** 2)).sum(axis=1), strict=True
+        ):
+            if density > densest + 1e-9:
+                densest, best = density, reference
+    turn, aligned = turned(best)
+    return turn, aligned, _angles(aligned, best) < parameters.aligned_rad
+
+
+def _angles(a_xyzw: Array, b_xyzw: Array) -> Array:
+    """Angles [rad] between orientations (..., 4)."""
+    return np.asarray(2 * np.arccos(np.clip(np.abs((a_xyzw * b_xyzw).sum(axis=-1)), 0.0, 1.0)))
 
 
 def robust_mean(points: Array, parameters: MeanParameters) -> Array:

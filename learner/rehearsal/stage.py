@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -44,6 +44,15 @@ LEAST_TURN: Final = 0.5
 """Faces that agree less than this on a turn of the hand tell none (the length of the mean of unit vectors)."""
 
 Spots = Mapping[str, Spot]
+MOST_STARTS: Final = 60
+"""Of more demonstrations, so many that are spread evenly over all make the starts of a stage."""
+Item = TypeVar("Item")
+
+
+def spread_evenly(items: Sequence[Item], most: int) -> list[Item]:
+    """At most so many of the items, evenly spread over all of them, the first and the last among them."""
+    places = np.linspace(0, len(items) - 1, min(len(items), most)).round().astype(int)
+    return [items[place] for place in places]
 
 
 class Points(Table):
@@ -102,10 +111,9 @@ class Stage:
         self.bodies = {name: self._body(name) for name in self.names}
         self.shift = self._shift()
         self.tip = self._tip()
-        self.starts: list[Start] = []
         self.left_out: dict[str, str] = {}
-        for demonstration, begin in zip(demonstrations, self.begins, strict=True):
-            self._admit(demonstration, begin)
+        some = (self.start(demonstration) for demonstration in spread_evenly(demonstrations, MOST_STARTS))
+        self.starts = [start for start in some if start]
 
     @cached_property
     def points(self) -> bool:
@@ -290,18 +298,19 @@ class Stage:
 
     # -- starts ------------------------------------------------------------------------------------------------------
 
-    def _admit(self, demonstration: Demonstration, begin: Mapping[str, Pose]) -> None:
-        """Keep the start of a demonstration that the stage reproduces, else the reason why it does not."""
+    def start(self, demonstration: Demonstration) -> Start | None:
+        """Where a demonstration began; None if the stage does not reproduce it, for the reason that is then kept."""
+        begin = demonstration.first_seen
         reason = self._tilted(begin) or next(
             (reason for action in demonstration.actions if action.rest and (reason := self._differs(action))), None
         )
         if reason:
             self.left_out[demonstration.demonstration_id] = reason
-            return
+            return None
         spots = self._spots(begin)
         table = self.world(spots, np.random.default_rng(0), NOISELESS).table
         table.settle(name for name in spots if name in begin)
-        self.starts.append(Start(demonstration.demonstration_id, dict(table.spots)))
+        return Start(demonstration.demonstration_id, dict(table.spots))
 
     def _spots(self, poses: Mapping[str, Pose]) -> dict[str, Spot]:
         """Where everything stands; what nobody saw stands far away."""

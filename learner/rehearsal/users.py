@@ -15,10 +15,13 @@ from learner.planning.draft import Draft
 from learner.rehearsal.goal import Goal, Relation, on_stage
 from learner.rehearsal.rehearsal import Actor, perform
 from learner.rehearsal.rollouts import Rollout
-from learner.rehearsal.stage import Stage
+from learner.rehearsal.stage import Stage, spread_evenly
 
-MOST_STARTS: Final = 10
-"""So many demonstrations of each user are tried at most, spread evenly over all that they gave: enough to tell half."""
+MOST_TRIALS: Final = 100
+"""So many demonstrations are tried in all at most, the same number of each user, spread evenly over all that they gave
+..."""
+LEAST_TRIALS: Final = 3
+"""... but of each user at least so many: enough to tell half."""
 Step = tuple[str, int]
 """A pick: the id of its demonstration, and its place in it."""
 
@@ -34,20 +37,21 @@ def success_without(draft: Draft, stage: Stage) -> dict[str, str | None]:
 
 
 def _success(user: str, others: Understanding | None, draft: Draft, stage: Stage) -> str | None:
-    starts = {start.demonstration_id: start for start in stage.starts}
-    shown = draft.understood.samples
-    mine = [int(n) for n in np.flatnonzero(shown.users == user) if shown.demonstrations[n].demonstration_id in starts]
-    if others is None or not mine:
+    if others is None:
         return None
-    tried = [mine[n] for n in np.linspace(0, len(mine) - 1, min(len(mine), MOST_STARTS)).round().astype(int)]
+    shown, most = draft.understood.samples, max(LEAST_TRIALS, MOST_TRIALS // len(draft.without))
+    mine = spread_evenly(np.flatnonzero(shown.users == user).tolist(), most)
+    starts = {number: start for number in mine if (start := stage.start(shown.demonstrations[number]))}
+    if not starts:
+        return None
     actor = Actor(stage.root(Draft(others, draft.parameters, {}).nominal_tree().flattened()))
-    ends = _ends(user, tried, draft, stage)
+    ends = _ends(user, list(starts), draft, stage)
     done = 0
-    for number in tried:
-        name = shown.demonstrations[number].demonstration_id
-        goals = [ends[name]] if name in ends else []
-        done += bool(goals) and perform(Rollout(name, starts[name].spots), actor, stage, goals, number).done
-    return f"{done} of {len(tried)}"
+    for number, start in starts.items():
+        goals = [ends[start.demonstration_id]] if start.demonstration_id in ends else []
+        rollout = Rollout(start.demonstration_id, start.spots)
+        done += bool(goals) and perform(rollout, actor, stage, goals, number).done
+    return f"{done} of {len(starts)}"
 
 
 def _ends(user: str, tried: Sequence[int], draft: Draft, stage: Stage) -> dict[str, Goal]:

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from learner.inference.clustering import clusters_in_frame, dbscan, greatest_distance, of_members, score
+from learner.inference.clustering import clusters_in_frame, greatest_distance, of_members, score
+from learner.inference.dbscan import FEW, dbscan
 from learner.inference.frames import log_density, posterior
 from learner.model.pose import Array, rotate
 
@@ -68,14 +69,14 @@ def test_a_cluster_needs_its_least_number_of_samples(count: int, min_samples: in
 def test_no_points_make_no_cluster() -> None:
     empty = np.empty((0, 3))
     assert list(dbscan(empty, 0.03, 3)) == []
-    assert clusters_in_frame("base", np.empty(0, dtype=np.intp), empty, 0.03, 3) == []
+    assert clusters_in_frame("base", np.empty(0, dtype=np.intp), empty, dbscan(empty, 0.03, 3)) == []
 
 
 def test_two_places_are_two_clusters_and_what_lies_alone_is_in_none() -> None:
     here = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]])
     points = np.concatenate([here, [[0.5, 0.5, 0.5]], here + 0.1])
     samples = np.array([10, 11, 12, 13, 14, 15, 16])
-    first, second = clusters_in_frame("box", samples, points, 0.03, 3)
+    first, second = clusters_in_frame("box", samples, points, dbscan(points, 0.03, 3))
     assert (first.members, second.members) == ((10, 11, 12), (14, 15, 16))
     assert first.frame == second.frame == "box"
     assert np.allclose(second.mean, np.array(first.mean) + 0.1)
@@ -116,3 +117,46 @@ def test_frames_that_scatter_alike_are_equally_likely_and_odds_tip_them() -> Non
 
 def test_ties_are_broken_by_name_so_that_the_result_is_always_the_same() -> None:
     assert list(posterior({"b": 0.0, "a": 0.0}, {"a": 1.0, "b": 1.0})) == ["a", "b"]
+
+
+# The labels of DBSCAN
+
+
+def blobs(rng: np.random.Generator, count: int) -> Array:
+    """Dense and loose blobs, a sheet, and strays, in any order."""
+    parts = [rng.normal(rng.uniform(-0.3, 0.3, 3), rng.choice([0.002, 0.01, 0.03]), (count // 4, 3)) for _ in range(3)]
+    sheet = rng.uniform(-0.3, 0.3, (count - 3 * (count // 4), 3)) * [1, 1, 0]
+    return np.asarray(rng.permutation(np.concatenate([*parts, sheet])))
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_labels_are_those_of_scikit_learn(seed: int) -> None:
+    from sklearn.cluster import DBSCAN
+
+    rng = np.random.default_rng(seed)
+    points = blobs(rng, int(rng.integers(FEW // 4, 3 * FEW)))
+    eps_m, least = float(rng.choice([0.01, 0.03, 0.08])), int(rng.choice([1, 3, len(points) // 10, len(points) // 4]))
+    theirs = DBSCAN(eps=eps_m, min_samples=least, algorithm="kd_tree").fit(points).labels_
+    assert np.array_equal(dbscan(points, eps_m, least), theirs)
+
+
+@pytest.mark.parametrize("count", [FEW // 2, 2 * FEW])
+def test_points_exactly_eps_apart_are_neighbours(count: int) -> None:
+    chain = np.zeros((count, 3))
+    chain[:, 0] = np.arange(count) / 64
+    assert set(dbscan(chain, 1 / 64, 3).tolist()) == {0}
+    assert set(dbscan(chain, 1 / 65, 2).tolist()) == {-1}
+
+
+@pytest.mark.parametrize("count", [FEW // 2, 2 * FEW])
+def test_points_that_coincide_are_one_cluster_wherever_the_others_lie(count: int) -> None:
+    points = np.concatenate([np.zeros((count, 3)), [[1e6, 0.0, 0.0], [0.0, -1e6, 1e6]]])
+    assert dbscan(points, 0.03, 3).tolist() == [0] * count + [-1, -1]
+
+
+def test_a_border_point_belongs_to_the_first_cluster_that_reaches_it() -> None:
+    left, right = np.zeros((FEW, 3)), np.tile([0.05, 0.0, 0.0], (FEW, 1))
+    between = [[0.025, 0.0, 0.0]]
+    assert dbscan(np.concatenate([right, between, left]), 0.03, FEW + 1)[FEW] == 0
+    labels = dbscan(np.concatenate([between, left, right]), 0.03, FEW)
+    assert set(labels.tolist()) == {0}, "a point that is core itself joins both"
