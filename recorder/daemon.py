@@ -19,7 +19,7 @@ from typing import Any, Final, Literal, Self
 import zenoh
 
 from learner.model import check_name
-from recorder import disk
+from recorder import disk, wire
 from recorder.caches import Caches
 from recorder.control import Start, parse_outcome, parse_request
 from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderError
@@ -96,7 +96,7 @@ class Recorder:
         self.folder = folder.absolute()
         self.options = options or Options()
         self._session, self._on_event = session, on_event
-        self._prefix = f"treewright/{cell}/"
+        self._prefix = wire.prefix_of(cell)
         self._open: _Open | None = None
         self._paused = False
         self._alarms: deque[str] = deque(maxlen=MOST_ALARMS)
@@ -199,13 +199,13 @@ class Recorder:
                 self._receiver.fence(self._session, FENCE_S)
                 reply = self._fulfil(verb, request)
             except (RecorderError, OSError) as error:
-                query.reply_err(_json({"error": _sentence(error)}), encoding="application/json")
+                query.reply_err(_json({"error": _sentence(error)}), encoding=wire.JSON_ENCODING)
             except Exception as error:  # noqa: BLE001  # an empty reply would look like no recorder at all
                 sentence = f"a defect of the recorder at the request {verb}: {type(error).__name__}: {error}"
                 self._alarm(sentence)
-                query.reply_err(_json({"error": sentence}), encoding="application/json")
+                query.reply_err(_json({"error": sentence}), encoding=wire.JSON_ENCODING)
             else:
-                query.reply(self._key(verb), _json(reply), encoding="application/json")
+                query.reply(self._key(verb), _json(reply), encoding=wire.JSON_ENCODING)
 
     def _fulfil(self, verb: str, request: Mapping[str, Any]) -> dict[str, Any]:
         if verb == "start":
@@ -474,7 +474,7 @@ class Recorder:
 
     def _tell(self, event: str, **more: Any) -> None:
         told = {"stamp_ns": time.time_ns(), "event": event, **more}
-        self._events.put(_json(told), encoding="application/json")
+        self._events.put(_json(told), encoding=wire.JSON_ENCODING)
         self._on_event(told)
 
 

@@ -5,6 +5,7 @@ RecorderError
 │   ├── NotARecordingError          damaged, no MCAP, no metadata record, unknown contract version
 │   ├── TornRecordingError          ends before its end: `treewright recover` completes it
 │   └── PartMissingError            a split demonstration of which a part is not there; may pass
+├── PayloadError                    a message that is not what its topic carries; will not pass
 ├── RequestRefusedError             a request on recorder/**; its sentence is the error reply
 ├── SecondRecorderError             another recorder serves this cell
 ├── DiskError                       no room, or no right to write; may pass
@@ -18,6 +19,10 @@ from pathlib import Path
 
 class RecorderError(Exception):
     """The root: a message of one sentence that names the thing and says what to do."""
+
+
+class PayloadError(RecorderError):
+    """A message that is not what its topic carries: the sentence begins with its verb, as in "is not JSON"."""
 
 
 class RecordingError(RecorderError):

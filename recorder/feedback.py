@@ -17,7 +17,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.message import DecodeError
 
 from recorder.ledger import Loss
-from recorder.recording import ACTION, GRIPPER, NS, POSES
+from recorder.wire import ACTION, GRIPPER, NS, POSES
 
 
 @dataclass(frozen=True)

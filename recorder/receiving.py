@@ -18,10 +18,8 @@ from recorder.chunks import Batch
 from recorder.errors import RecorderError
 from recorder.intake import Intake, PreRoll
 from recorder.ledger import Ledger, Loss, Source
-from recorder.recording import ACTION, GRIPPER, NS, POSES
+from recorder.wire import ACTION, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES
 
-NOT_RECORDED: Final = ("recorder", "skills")
-"""First chunks of the keys that are never recorded (CONTRACT, section 1)."""
 _PUT: Final = zenoh.SampleKind.PUT
 MOST_CHANNELS: Final = 65535
 """MCAP numbers channels with 16 bits."""
@@ -62,7 +60,7 @@ class Patterns:
 
     def admit(self, topic: str) -> bool:
         """Whether a topic is recorded."""
-        if topic in (POSES, GRIPPER, ACTION):
+        if topic in ESSENTIAL:
             return True
         included = not self.include or any(_matches(pattern, topic) for pattern in self.include)
         return included and not any(_matches(pattern, topic) for pattern in self.exclude)

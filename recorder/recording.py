@@ -16,18 +16,18 @@ import math
 import os
 import zlib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Final, Self, cast
+from typing import IO, Any, Final, Self, TypeVar, cast
 
 import numpy as np
 import zstandard
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
@@ -43,21 +43,17 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from learner.model import ActionPress, GripperSample, ObjectShape, Pose, Recording, Scene, Track
+from learner.model import ActionPress, GripperSample, ObjectShape, Recording, Scene, Track
 from learner.model.demonstration import Symmetry
-from recorder import records
+from recorder import records, wire
 from recorder.chunks import COMPRESSION_LEVEL, Batch, PackedChunk, pack_chunk
-from recorder.errors import NotARecordingError, PartMissingError, RecorderError
+from recorder.errors import NotARecordingError, PartMissingError, PayloadError, RecorderError
+from recorder.wire import ACTION, ENCODINGS, GRIPPER, POSES
 
 CONTRACT: Final = "1"
 DEMONSTRATION: Final = "treewright.demonstration"
 """The name of the metadata record."""
-POSES, GRIPPER, ACTION = "/poses", "/gripper", "/action"
-POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
-GRIPPER_ENCODING: Final = "application/json;treewright.GripperState"
-ACTION_ENCODING: Final = "application/json;treewright.DemonstratedAction"
 CHUNK_BYTES: Final = 1 << 20
-NS: Final = 1_000_000_000
 UNFINISHED: Final = ".part"
 """Ends the name of a recording that is still being written."""
 LIBRARY: Final = "treewright"
@@ -267,13 +263,12 @@ def _schema(topic: str) -> Schema | None:
     return Schema(id=number, name=str(schema["title"]), encoding="jsonschema", data=text)
 
 
-_DEFAULT_ENCODING: Final = {POSES: POSES_ENCODING, GRIPPER: GRIPPER_ENCODING, ACTION: ACTION_ENCODING}
 _MEDIA: Final = (("application/json", "json"), ("text/json", "json"), ("application/protobuf", "protobuf"))
 
 
 def _message_encoding(topic: str, zenoh_encoding: str) -> str:
     """MCAP's word for a payload. Without a schema readers can decode JSON alone, so the rest goes by its media type."""
-    if topic in _DEFAULT_ENCODING:
+    if topic in ENCODINGS:
         return "protobuf" if topic == POSES else "json"
     media = zenoh_encoding.partition(";")[0]
     return dict(_MEDIA[:2]).get(media, media)
@@ -345,7 +340,7 @@ class RecordingWriter:
         encoding: str | None = None,
     ) -> None:
         """Append a message; times in [ns]. `encoding` is its Zenoh encoding, by default the contract's."""
-        encoding = _DEFAULT_ENCODING.get(topic, "zenoh/bytes") if encoding is None else encoding
+        encoding = ENCODINGS.get(topic, "zenoh/bytes") if encoding is None else encoding
         if (topic, encoding) not in self._ids:
             self._ids[topic, encoding] = len(self._ids) + 1
             self.add_channel(self._ids[topic, encoding], topic, encoding)
@@ -629,6 +624,7 @@ def _joined_losses(parts: Sequence[Mapping[str, int | None] | None]) -> dict[str
     return total if counted else None
 
 
+_Parsed = TypeVar("_Parsed")
 _Sighting = tuple[int, float, float, float, float, float, float, float]
 
 
@@ -650,48 +646,30 @@ class _Part:
     def _poses(self, channel: Channel, data: bytes) -> None:
         if channel.message_encoding != "protobuf":
             raise NotARecordingError(self.file, f"{POSES} is encoded as {channel.message_encoding!r}, not as protobuf")
-        try:
-            transforms = FrameTransforms.FromString(data)
-        except DecodeError as error:
-            raise NotARecordingError(self.file, f"a message on {POSES} is no foxglove.FrameTransforms") from error
-        for transform in transforms.transforms:
+        for transform in self._parsed(channel, wire.parse_transforms, data):
             sighting = _sighting(transform)
             if sighting:
                 self.sightings[transform.parent_frame_id, transform.child_frame_id].append(sighting)
 
     def _gripper(self, channel: Channel, data: bytes) -> None:
-        stamp, sample = self._stamped(channel, data)
-        state, width = sample.get("state"), sample.get("width_m")
-        if state not in ("open", "closed"):
-            raise NotARecordingError(self.file, f"a message on {GRIPPER} has the state {state!r}, not open or closed")
-        told = isinstance(width, int | float) and not isinstance(width, bool)
-        self.gripper.append(GripperSample(stamp, state, float(cast(float, width)) if told else None))
+        self.gripper.append(self._parsed(channel, wire.parse_gripper, data))
 
     def _action(self, channel: Channel, data: bytes) -> None:
-        stamp, press = self._stamped(channel, data)
-        kind, name = press.get("type"), press.get("object")
-        if not isinstance(kind, str) or not (name is None or isinstance(name, str)):
-            raise NotARecordingError(self.file, f"a message on {ACTION} needs a type and may name an object: {press}")
-        self.presses.append(ActionPress(stamp, kind, name))
+        self.presses.append(self._parsed(channel, wire.parse_action, data))
 
-    def _stamped(self, channel: Channel, data: bytes) -> tuple[int, dict[str, Any]]:
-        content = _json(self.file, f"a message on {channel.topic}", data)
-        stamp = content.get("stamp_ns") if isinstance(content, dict) else None
-        if type(stamp) is not int or not 0 <= stamp < 2**63:
-            raise NotARecordingError(
-                self.file, f"a message on {channel.topic} has no stamp_ns in whole nanoseconds: {content!s:.80}"
-            )
-        return stamp, content
+    def _parsed(self, channel: Channel, parse: Callable[[bytes], _Parsed], data: bytes) -> _Parsed:
+        try:
+            return parse(data)
+        except PayloadError as error:
+            raise NotARecordingError(self.file, f"a message on {channel.topic} {error}") from error
 
 
-def _sighting(transform: Any) -> _Sighting | None:
-    t, r, stamp = transform.translation, transform.rotation, transform.timestamp
-    numbers = (t.x, t.y, t.z, r.x, r.y, r.z, r.w)
-    norm = math.sqrt(r.x * r.x + r.y * r.y + r.z * r.z + r.w * r.w)
-    stamp_ns = stamp.seconds * NS + stamp.nanos
-    if not all(map(math.isfinite, numbers)) or norm < 1e-6 or not 0 < stamp_ns < 2**63:
+def _sighting(transform: FrameTransform) -> _Sighting | None:
+    try:
+        seen = wire.parse_sighting(transform)
+    except PayloadError:
         return None
-    return (stamp_ns, t.x, t.y, t.z, r.x / norm, r.y / norm, r.z / norm, r.w / norm)
+    return (seen.stamp_ns, *seen.position, *seen.quaternion_xyzw)
 
 
 def _tracks(base_frame: str, parts: Sequence[_Part]) -> dict[str, Track]:
@@ -738,16 +716,3 @@ def _contents(file: Path, record: records.Record) -> Sequence[Any]:
     if record.opcode == Opcode.MESSAGE:
         return [records.message(file, record)]
     return [found] if (found := records.parse(file, record)) is not None else []
-
-
-def pose_message(stamp_ns: int, base_frame: str, poses: Mapping[str, Pose]) -> bytes:
-    """A message for /poses: the poses of children in the base frame, all at one stamp [ns]."""
-    message = FrameTransforms()
-    for child, pose in poses.items():
-        transform = message.transforms.add()
-        transform.timestamp.seconds, transform.timestamp.nanos = divmod(stamp_ns, NS)
-        transform.parent_frame_id, transform.child_frame_id = base_frame, child
-        t, r = transform.translation, transform.rotation
-        t.x, t.y, t.z = pose.position
-        r.x, r.y, r.z, r.w = pose.quaternion_xyzw
-    return message.SerializeToString()

@@ -20,14 +20,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from recorder import records
 from recorder.chunks import Batch
 from recorder.errors import NotARecordingError, RecorderError, SecondRecorderError, TornRecordingError
-from recorder.recording import (
-    DEMONSTRATION,
-    UNFINISHED,
-    Demonstrated,
-    Finished,
-    RecordingWriter,
-    sync_folder,
-)
+from recorder.recording import DEMONSTRATION, UNFINISHED, Demonstrated, Finished, RecordingWriter, sync_folder
 
 TORN, QUARANTINE = "torn", "quarantine"
 """Folders beside the recordings: originals that were completed, and files that are damaged otherwise."""

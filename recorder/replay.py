@@ -18,16 +18,8 @@ from mcap.records import Channel
 
 from learner.model import check_name
 from recorder.errors import RecorderError
-from recorder.recording import (
-    ACTION,
-    ACTION_ENCODING,
-    GRIPPER,
-    GRIPPER_ENCODING,
-    NS,
-    POSES,
-    POSES_ENCODING,
-    messages,
-)
+from recorder.recording import messages
+from recorder.wire import ACTION, ACTION_ENCODING, GRIPPER, GRIPPER_ENCODING, NS, POSES, POSES_ENCODING
 
 CACHE_SAMPLES: Final = 20_000
 HEARTBEAT_S: Final = 0.5

@@ -22,7 +22,8 @@ import yaml
 from learner.errors import LearnerError
 from learner.model import Pose, check_name
 from recorder.errors import ImportRefusedError
-from recorder.recording import ACTION, GRIPPER, NS, POSES, Demonstrated, RecordingWriter, pose_message
+from recorder.recording import Demonstrated, RecordingWriter
+from recorder.wire import ACTION, GRIPPER, NS, POSES, pose_message
 
 CELL: Final = "imported"
 END_EFFECTOR: Final = "end_effector"

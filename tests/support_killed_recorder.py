@@ -27,8 +27,9 @@ from support_recorder import (
 
 from learner.model import Pose
 from recorder.daemon import Recorder
-from recorder.recording import POSES_ENCODING, pose_message, read_header, read_recording
+from recorder.recording import read_header, read_recording
 from recorder.recovery import recover_folder
+from recorder.wire import POSES_ENCODING, pose_message
 
 TOOL = {"tool0": Pose((0.5, 0.0, 0.3)), "A": Pose((0.5, 0.0, 0.02))}
 _context = multiprocessing.get_context("forkserver")

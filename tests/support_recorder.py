@@ -15,7 +15,7 @@ import zenoh.ext as ze
 
 from learner.model import Pose
 from recorder.daemon import Options, Recorder
-from recorder.recording import POSES_ENCODING, pose_message
+from recorder.wire import POSES_ENCODING, pose_message
 
 CELL = "cell1"
 PREFIX = f"treewright/{CELL}"

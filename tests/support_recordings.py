@@ -13,7 +13,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from learner.model import Pose
-from recorder.recording import pose_message
+from recorder.wire import pose_message
 
 START_NS = 1_790_000_000_000_000_000
 NS = 1_000_000_000

@@ -135,10 +135,11 @@ def _publish(session: zenoh.Session, key: str, payload: str) -> None:
     import zenoh
 
     from pipelines.network.question import await_somebody
+    from recorder.wire import ACTION_ENCODING
 
     with session.declare_publisher(
         key,
-        encoding="application/json;treewright.DemonstratedAction",
+        encoding=ACTION_ENCODING,
         congestion_control=zenoh.CongestionControl.BLOCK,
     ) as publisher:
         await_somebody(publisher, time.monotonic() + APPEARS_S)

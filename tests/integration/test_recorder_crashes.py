@@ -30,17 +30,9 @@ from learner.model import Pose
 from pipelines.cli import main
 from recorder.daemon import Recorder
 from recorder.errors import NotARecordingError, RecorderError, SecondRecorderError, TornRecordingError
-from recorder.recording import (
-    ACTION,
-    POSES,
-    Demonstrated,
-    RecordingWriter,
-    messages,
-    pose_message,
-    read_header,
-    read_recording,
-)
+from recorder.recording import Demonstrated, RecordingWriter, messages, read_header, read_recording
 from recorder.recovery import recover, recover_folder
+from recorder.wire import ACTION, POSES, pose_message
 
 DEMONSTRATED = Demonstrated("stacking-1", "stacking", "u1", CELL, "base", "tool0", ("A",), outcome="success")
 TOOL = {"tool0": Pose((0.5, 0.0, 0.3)), "A": Pose((0.5, 0.0, 0.02))}

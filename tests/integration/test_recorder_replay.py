@@ -16,17 +16,9 @@ from learner.model import Pose, Recording
 from learner.observation import observe
 from pipelines.cli import main
 from recorder.errors import RecorderError
-from recorder.recording import (
-    ACTION,
-    POSES,
-    Demonstrated,
-    RecordingWriter,
-    messages,
-    pose_message,
-    read_header,
-    read_recording,
-)
+from recorder.recording import Demonstrated, RecordingWriter, messages, read_header, read_recording
 from recorder.replay import Replay, replay
+from recorder.wire import ACTION, POSES, pose_message
 
 SAMPLES = Path("../shared/data/contract_samples")
 NS = 1_000_000_000

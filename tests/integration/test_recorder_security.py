@@ -16,7 +16,7 @@ from support_recorder import CELL, PREFIX, START, Refused, advanced_publisher, a
 
 from learner.model import Pose
 from recorder.daemon import Recorder
-from recorder.recording import POSES_ENCODING, pose_message
+from recorder.wire import POSES_ENCODING, pose_message
 
 SECURITY = Path("docker/security")
 

@@ -12,18 +12,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from learner.model import ActionPress, GripperSample, Pose
 from recorder.errors import NotARecordingError, PartMissingError, RecorderError, TornRecordingError
-from recorder.recording import (
-    ACTION,
-    GRIPPER,
-    POSES,
-    Demonstrated,
-    RecordingWriter,
-    messages,
-    pose_message,
-    read_header,
-    read_recording,
-    sha256_of,
-)
+from recorder.recording import Demonstrated, RecordingWriter, messages, read_header, read_recording, sha256_of
+from recorder.wire import ACTION, GRIPPER, POSES, pose_message
 
 DEMONSTRATED = Demonstrated(
     demonstration_id="stacking-1",
