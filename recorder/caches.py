@@ -148,7 +148,8 @@ class Caches:
             for gap in ledger.open_gaps.get(source, ()):
                 gap.asked = 0
         if known:
-            self._ask_tail(topic, source)
+            self._ask_tail(topic, source, 1)
+            self._ask(topic, source, "_max=1", self._receiver.receive_cached, lambda _: None)
         else:
             self._ask_newest(topic, source)
         self._wake.set()
@@ -197,13 +198,15 @@ class Caches:
             questions.busy = False
             questions.due_s = time.monotonic() + (AGAIN_S[min(asked, len(AGAIN_S)) - 1] if asked else 0.0)
 
-    def _ask_tail(self, topic: str, source: Source) -> None:
+    def _ask_tail(self, topic: str, source: Source, again: int = 0) -> None:
+        """Ask for what came after the last number, and for so many before that `again`: a publisher that has begun
+        anew has other samples under them."""
         with self._lock, self._receiver.lock:
             questions = self._questions.setdefault(source, _Questions(topic))
             if questions.busy:
                 return
             questions.busy = True
-            first = self._receiver.ledger.expected(source)
+            first = max(self._receiver.ledger.expected(source) - again, 0)
         self._ask(topic, source, f"_sn={first}..", self._receiver.receive_cached, self._free)
 
     def _ask_newest(self, topic: str, source: Source) -> None:

@@ -2,6 +2,9 @@
 
 A publisher that numbers its samples makes every loss countable; one that does not makes losses unknowable, and the
 ledger says so (`None`) instead of saying nothing was lost.
+
+A publisher that is started again under the same id numbers its samples from 0 again. It is told from samples that
+arrive twice by the moment of publication: the same number with another stamp is another sample.
 """
 
 from __future__ import annotations
@@ -9,12 +12,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Final
 
 Source = tuple[str, int]
 """A publisher: the id of its session and its number there."""
 _WRAP: Final = 1 << 32
 """Sequence numbers are 32 bits wide and begin anew after the last."""
+_MEMORY: Final = 1024
+"""Of so many of a source's last samples the stamps are remembered."""
+_LONGEST_GAP: Final = 1 << 24
+"""More was never missing at once: numbers that jump further have begun anew."""
 _MOST_GAPS: Final = 1024
 """So many separate gaps of a source are kept apart; beyond that the two oldest are told as one."""
 
@@ -61,6 +69,23 @@ class _Account:
     counted: bool
     """Whether it was first heard of during the present recording."""
     gaps: list[Gap] = field(default_factory=list)
+    stamps: dict[int, int] = field(default_factory=dict)
+    """When the last samples were published [ns], by number."""
+
+    def remember(self, number: int, stamp_ns: int) -> None:
+        """Keep the stamp of a sample, and forget the older half where there are too many."""
+        self.stamps[number] = stamp_ns
+        if len(self.stamps) >= 2 * _MEMORY:
+            for old in list(islice(self.stamps, _MEMORY)):
+                del self.stamps[old]
+
+    def began_anew(self, number: int, stamp_ns: int, cached: bool) -> bool:
+        """Whether a sample with a number of the past is none of the past ones, but of a publisher that returned."""
+        known = self.stamps.get(number)
+        if known is not None:
+            return known != stamp_ns
+        far = (self.next - number) % _WRAP > _MEMORY
+        return stamp_ns > self.seen_ns or (far and not cached)
 
 
 @dataclass(frozen=True)
@@ -84,7 +109,11 @@ class Ledger:
         self._unnumbered: set[str] = set()
         self._refused: list[Loss] = []
         self._unwritten: Counter[str] = Counter()
+        self._ended: list[Loss] = []
+        """What accounts that are closed had lost of the present recording."""
         self._counting = False
+        self.restarts: Counter[str] = Counter()
+        """How often publishers began anew during the present recording, by topic."""
 
     # --- the recording
 
@@ -107,6 +136,8 @@ class Ledger:
         self._unnumbered.clear()
         self._refused.clear()
         self._unwritten.clear()
+        self._ended.clear()
+        self.restarts.clear()
         for account in self._accounts.values():
             account.counted = False
             account.gaps[:] = [replace(gap, counted=False) for gap in account.gaps if not gap.hopeless]
@@ -125,21 +156,44 @@ class Ledger:
 
     # --- what arrives
 
-    def arrived(self, topic: str, source: Source, number: int, stamp_ns: int) -> bool:
-        """A numbered sample is here. Returns False if it was here before, or was given up before the recording."""
+    def arrived(self, topic: str, source: Source, number: int, stamp_ns: int, cached: bool = False) -> bool:
+        """A numbered sample is here, from the network or out of the publisher's cache.
+
+        Returns False if it was here before, or was given up before the recording. A source whose numbers have begun
+        anew gets a new account, from 0 on; see `restarts`.
+        """
         account = self._accounts.get(source)
         if account is None:
             account = self._accounts[source] = _Account(topic, number, number, stamp_ns, self._counting)
-        if number == account.next:
-            account.next = (number + 1) % _WRAP
-            account.seen_ns = stamp_ns
-            return True
-        if (number - account.next) % _WRAP < _WRAP // 2:
+        ahead = (number - account.next) % _WRAP
+        if ahead >= _LONGEST_GAP:
+            return self._arrived_behind(account, source, number, stamp_ns, cached)
+        if ahead:
             self._up_to(account, source, number, stamp_ns)
-            account.next = (number + 1) % _WRAP
-            account.seen_ns = stamp_ns
+        account.next = (number + 1) % _WRAP
+        account.seen_ns = stamp_ns
+        account.remember(number, stamp_ns)
+        return True
+
+    def _arrived_behind(self, account: _Account, source: Source, number: int, stamp_ns: int, cached: bool) -> bool:
+        if _fill(account, number):
+            account.remember(number, stamp_ns)
             return True
-        return _fill(account, number)
+        if not account.began_anew(number, stamp_ns, cached):
+            return False
+        self._begin_anew(account, source, number)
+        return self.arrived(account.topic, source, number, stamp_ns)
+
+    def _begin_anew(self, account: _Account, source: Source, number: int) -> None:
+        """Close the account of a publisher that is another one now; what it had lost stays lost.
+
+        Its numbers begin at 0, unless it says one that nobody can have come to.
+        """
+        first = 0 if number < _LONGEST_GAP else number
+        self._ended += _losses_of(account)
+        if self._counting:
+            self.restarts[account.topic] += 1
+        self._accounts[source] = _Account(account.topic, first, first, account.seen_ns, self._counting)
 
     def arrived_unnumbered(self, topic: str) -> None:
         """A sample without a number is here."""
@@ -215,13 +269,8 @@ class Ledger:
     @property
     def losses(self) -> list[Loss]:
         """What is missing from the recording, with its times."""
-        gaps = [
-            Loss(gap.topic, gap.count, gap.begin_ns, gap.end_ns)
-            for account in self._accounts.values()
-            for gap in account.gaps
-            if gap.counted
-        ]
-        return gaps + self._refused
+        gaps = [loss for account in self._accounts.values() for loss in _losses_of(account)]
+        return [*self._ended, *gaps, *self._refused]
 
     @property
     def refusals(self) -> dict[str, int]:
@@ -255,6 +304,10 @@ class Ledger:
         account.next = upcoming
         if len(account.gaps) > _MOST_GAPS:
             _join_oldest(account.gaps)
+
+
+def _losses_of(account: _Account) -> list[Loss]:
+    return [Loss(gap.topic, gap.count, gap.begin_ns, gap.end_ns) for gap in account.gaps if gap.counted]
 
 
 def _fill(account: _Account, number: int) -> bool:

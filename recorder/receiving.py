@@ -208,7 +208,7 @@ class Receiver:
                 identity, number = info.source_id, info.source_sn
                 session = identity.zid
                 source = (self._sessions.get(session) or self._session(session), identity.eid)
-                if not self.ledger.arrived(route.topic, source, number, publish_ns):
+                if not self.ledger.arrived(route.topic, source, number, publish_ns, cached):
                     return
                 if cached and source in self._late and publish_ns < self._start_ns:
                     self.ledger.began_late(source, number + 1)

@@ -197,3 +197,52 @@ def test_a_gap_near_an_action_marks_the_demonstration(tmp_path: Path) -> None:
         stopped = cell.ask("stop", {"outcome": "success"})
     assert stopped["gaps"] == ["1 messages of /poses were lost near the action pick"]
     assert read_header(Path(stopped["file"])).gaps == tuple(stopped["gaps"])
+
+
+@pytest.mark.parametrize("between", ["recording", "idle"])
+def test_a_publisher_with_a_fixed_id_that_is_started_again_is_followed(tmp_path: Path, between: str) -> None:
+    """Its second life numbers its samples from 0 under the same source."""
+    with recording_cell(tmp_path) as cell:
+        for life in range(2):
+            if life == 0 or between == "idle":
+                cell.ask("start", START)
+            with (
+                zenoh.open(configuration(connect=cell.endpoint, id="aa11")) as theirs,
+                advanced_publisher(theirs, KEY) as publisher,
+            ):
+                wait_for(lambda theirs=theirs: reached(theirs))
+                for number in range(200):
+                    publisher.put(str(life * 200 + number))
+                expected = 200 * (life + 1) if between == "recording" else 200
+                wait_for(lambda expected=expected: cell.ask("status")["messages"].get("/force") == expected)
+            if life == 1 or between == "idle":
+                stopped = cell.ask("stop", {"outcome": "success"})
+    assert recorded(stopped["file"]) == list(range(0 if between == "recording" else 200, 400))
+    assert stopped["lost"] == {"/force": 0}
+
+
+def test_what_a_second_life_says_while_it_is_not_heard_is_had_from_its_cache(tmp_path: Path) -> None:
+    """The second life has come further than the first before it is heard for the first time."""
+    with recording_cell(tmp_path) as cell:
+        cell.ask("start", START)
+        with (
+            zenoh.open(configuration(connect=cell.endpoint, id="aa11")) as theirs,
+            advanced_publisher(theirs, KEY) as publisher,
+        ):
+            wait_for(lambda: reached(theirs))
+            for number in range(5):
+                publisher.put(str(number))
+            wait_for(lambda: cell.ask("status")["messages"].get("/force") == 5)
+        behind = free_endpoint()
+        late_settings = configuration(
+            connect=behind, mode="peer", id="aa11", connect__timeout_ms=-1, connect__exit_on_failure=False,
+            connect__retry={"period_init_ms": 50, "period_max_ms": 100, "period_increase_factor": 1},
+        )  # fmt: skip
+        with zenoh.open(late_settings) as late, advanced_publisher(late, KEY, block=False) as publisher:
+            for number in range(5, 55):
+                publisher.put(str(number))
+            with zenoh.open(configuration(listen=behind, connect=cell.endpoint, mode="router")):
+                wait_for(lambda: cell.ask("status")["messages"].get("/force") == 55)
+                stopped = cell.ask("stop", {"outcome": "success"})
+    assert recorded(stopped["file"]) == list(range(55))
+    assert stopped["lost"] == {"/force": 0}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recorder.feedback import gaps_near_actions
@@ -143,3 +143,49 @@ def test_refusals_count_whether_numbered_or_not() -> None:
 )
 def test_a_loss_marks_a_demonstration_where_it_may_have_falsified_an_action(loss: Loss, marked: bool) -> None:
     assert bool(gaps_near_actions([loss], [(10 * NS, "pick")])) == marked
+
+
+@settings(max_examples=30)
+@given(st.integers(1, 3000), st.integers(1, 3000), st.booleans(), st.data())
+def test_a_publisher_that_is_started_again_begins_a_new_account(
+    before: int, after: int, clock_back: bool, data: st.DataObject
+) -> None:
+    """Whatever is missing of either life is counted, also where the second life's clock is an hour behind."""
+    second_life_ns = -3600 * NS if clock_back else 3600 * NS
+    heard = sorted(data.draw(st.sets(st.integers(0, after - 1), min_size=1, max_size=5)))
+    ledger = Ledger()
+    ledger.begin()
+    for number in range(before):
+        ledger.arrived("/force", S, number, number)
+    let_in = [ledger.arrived("/force", S, number, second_life_ns + number) for number in heard]
+    overlooked = heard[0] >= before
+    assert all(let_in)
+    if not overlooked:
+        assert ledger.restarts == {"/force": 1}
+        assert ledger.lost(["/force"]) == {"/force": heard[-1] + 1 - len(heard)}
+
+
+def test_what_the_first_life_lost_stays_lost_after_the_second_began() -> None:
+    ledger = counting()
+    ledger.arrived("/force", S, 5, 5)
+    assert ledger.arrived("/force", S, 0, 10)
+    assert ledger.arrived("/force", S, 2, 12)
+    assert ledger.lost() == {"/force": 4 + 1}
+    assert ledger.open_gaps[S][0].count == 1
+
+
+def test_a_sample_that_arrives_twice_is_no_restart() -> None:
+    ledger = counting()
+    for number in range(1, 5000):
+        assert ledger.arrived("/force", S, number, number)
+    assert not ledger.arrived("/force", S, 4999, 4999)
+    assert not ledger.arrived("/force", S, 4500, 4500, cached=True)
+    assert not ledger.arrived("/force", S, 3, 3, cached=True)
+    assert not ledger.restarts
+
+
+def test_numbers_that_nobody_can_have_come_to_are_a_new_account_too() -> None:
+    ledger = counting()
+    assert ledger.arrived("/force", S, 2**31 - 5, 7)
+    assert ledger.arrived("/force", S, 2**31 - 3, 9)
+    assert ledger.lost() == {"/force": 1}
