@@ -24,6 +24,7 @@ from recorder.caches import Caches
 from recorder.control import Start, parse_outcome, parse_request
 from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderError
 from recorder.feedback import Finding, Plausible, Sightings, gaps_near_actions, judge
+from recorder.notices import Notices
 from recorder.receiving import Arrival, Patterns, Receiver
 from recorder.recording import Demonstrated, Finished
 from recorder.recovery import recover_folder, sole_recorder
@@ -31,6 +32,8 @@ from recorder.writing import Writing
 
 State = Literal["idle", "recording", "paused"]
 MOST_ALARMS: Final = 20
+NOTES: Final = "notes"
+"""The entry of a recording's metadata that tells, as a JSON array of sentences, what was odd."""
 SETTLE_S: Final = 0.4
 """Poses that arrive later than the press get so long before the operator is told that one is missing."""
 TICK_S: Final = 0.25
@@ -107,8 +110,9 @@ class Recorder:
         self._status_requests: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
         self._stopping = threading.Event()
         self._rate_bytes_s = 0.0
+        self._notices = Notices()
         self._receiver = Receiver(
-            self._prefix, self.options.patterns, self.options.pre_roll_s, self._acted, self._poses.append
+            self._prefix, self.options.patterns, self.options.pre_roll_s, self._acted, self._poses.append, self._notices
         )
         self._caches = Caches(session, self._prefix, self._receiver)
         self._opened = contextlib.ExitStack()
@@ -253,6 +257,7 @@ class Recorder:
             "actions_durable": now.actions_durable if now else 0,
             "disk_free_bytes": disk.free_bytes(self.folder),
             "alarms": list(self._alarms),
+            "notes": list(self._notices.sentences) if now else [],
             "unseen": list(self._unseen(now)) if now else [],
             "part": now.demonstrated.part if now else None,
         }
@@ -279,6 +284,7 @@ class Recorder:
             scene=start.scene,
         )
         self._alarms.clear()
+        self._notices.clear()
         with self._sightings_lock:
             if self._sightings.base_frame != start.base_frame:
                 self._sightings = Sightings(start.base_frame)
@@ -296,7 +302,7 @@ class Recorder:
         return Writing(
             self.folder / f"{name}.mcap",
             demonstrated,
-            self._receiver.channel,
+            self._receiver.channels.describe,
             self.options.buffer_bytes,
             on_durable=lambda count: self._requests.put(self._say_durable),
             on_error=lambda error: self._requests.put(lambda: self._end_on_error(error)),
@@ -313,10 +319,13 @@ class Recorder:
             ledger = self._receiver.ledger
             for topic, count in now.writing.unwritten.items():
                 ledger.unwritten(topic, count)
+            self._note_restarts()
             lost, losses, refused = ledger.lost(self._receiver.counts), ledger.losses, ledger.refusals
             ledger.forget()
+        self._tell_notices()
+        notes = self._notices.sentences
         gaps = gaps_near_actions(losses, now.presses)
-        finished = _finish(now, outcome, lost, gaps)
+        finished = _finish(now, outcome, lost, gaps, notes)
         reply = {
             "demonstration_id": now.demonstrated.demonstration_id,
             "file": str(finished.file),
@@ -325,6 +334,7 @@ class Recorder:
             "overflowed": refused,
             "sha256": finished.sha256,
             "gaps": list(gaps),
+            "notes": list(notes),
         }
         if now.parts:
             reply["parts"] = [str(part.file) for part in (*now.parts, finished)]
@@ -366,7 +376,8 @@ class Recorder:
         writing = self._writing(following)
         lost, losses = self._receiver.swap(writing.intake)
         now.demonstrated, now.writing, now.begun_s = following, writing, time.monotonic()
-        finished = _finish(before, "unknown", lost, gaps_near_actions(losses, now.presses), continued=True)
+        gaps, notes = gaps_near_actions(losses, now.presses), self._notices.sentences
+        finished = _finish(before, "unknown", lost, gaps, notes, continued=True)
         now.durable_before += before.writing.actions_durable
         now.parts.append(finished)
         self._tell("split", file=str(finished.file), part=part - 1, next_file=str(writing.file))
@@ -381,8 +392,21 @@ class Recorder:
             before, then = received, now_s
             self._rate_bytes_s += (rate - self._rate_bytes_s) * TICK_S / 5.0
             self._take_poses()
+            self._note_restarts()
+            if self._notices.untold:
+                self._requests.put(self._tell_notices)
             if self._due():
                 self._requests.put(self._split_if_due)
+
+    def _note_restarts(self) -> None:
+        with self._receiver.lock:
+            restarts = self._receiver.ledger.take_restarts()
+        for topic, count in restarts.items():
+            self._notices.add(f"a publisher of {topic} was started again and begins a new account", count)
+
+    def _tell_notices(self) -> None:
+        for sentence in self._notices.take_untold():
+            self._alarm(sentence)
 
     def _due(self) -> bool:
         now, options = self._open, self.options
@@ -479,11 +503,19 @@ class Recorder:
 
 
 def _finish(
-    now: _Open, outcome: str, lost: Mapping[str, int | None], gaps: tuple[str, ...], continued: bool = False
+    now: _Open,
+    outcome: str,
+    lost: Mapping[str, int | None],
+    gaps: tuple[str, ...],
+    notes: tuple[str, ...],
+    continued: bool = False,
 ) -> Finished:
-    """Close a part, its losses written in it."""
+    """Close a part, its losses and what was odd written in it."""
     now.writing.drain()
-    described = replace(now.demonstrated, outcome=outcome, messages_lost=lost, gaps=gaps, continued=continued)
+    more = {**now.demonstrated.more, **({NOTES: json.dumps(notes)} if notes else {})}
+    described = replace(
+        now.demonstrated, outcome=outcome, messages_lost=lost, gaps=gaps, more=more, continued=continued
+    )
     return now.writing.finish(described)
 
 

@@ -112,8 +112,7 @@ class Ledger:
         self._ended: list[Loss] = []
         """What accounts that are closed had lost of the present recording."""
         self._counting = False
-        self.restarts: Counter[str] = Counter()
-        """How often publishers began anew during the present recording, by topic."""
+        self._restarts: Counter[str] = Counter()
 
     # --- the recording
 
@@ -137,7 +136,7 @@ class Ledger:
         self._refused.clear()
         self._unwritten.clear()
         self._ended.clear()
-        self.restarts.clear()
+        self._restarts.clear()
         for account in self._accounts.values():
             account.counted = False
             account.gaps[:] = [replace(gap, counted=False) for gap in account.gaps if not gap.hopeless]
@@ -160,7 +159,7 @@ class Ledger:
         """A numbered sample is here, from the network or out of the publisher's cache.
 
         Returns False if it was here before, or was given up before the recording. A source whose numbers have begun
-        anew gets a new account, from 0 on; see `restarts`.
+        anew gets a new account, from 0 on; see `take_restarts`.
         """
         account = self._accounts.get(source)
         if account is None:
@@ -192,8 +191,13 @@ class Ledger:
         first = 0 if number < _LONGEST_GAP else number
         self._ended += _losses_of(account)
         if self._counting:
-            self.restarts[account.topic] += 1
+            self._restarts[account.topic] += 1
         self._accounts[source] = _Account(account.topic, first, first, account.seen_ns, self._counting)
+
+    def take_restarts(self) -> Counter[str]:
+        """How often publishers began anew in the present recording since the last call, by topic."""
+        restarts, self._restarts = self._restarts, Counter()
+        return restarts
 
     def arrived_unnumbered(self, topic: str) -> None:
         """A sample without a number is here."""

@@ -14,15 +14,21 @@ from typing import Final
 
 import zenoh
 
+from recorder.channels import KEPT, MOST, Channels
 from recorder.chunks import Batch
 from recorder.errors import RecorderError
 from recorder.intake import Intake, PreRoll
 from recorder.ledger import Ledger, Loss, Source
-from recorder.wire import ACTION, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES
+from recorder.notices import Notices
+from recorder.wire import ACTION, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES, SIGNALS
 
+MOST_ROUTES: Final = 10_000
+"""More keys than these are looked at anew in the next recording."""
+NO_CHANNEL: Final = (
+    f"a message is not recorded, because its key is not among the first {MOST - KEPT}, and a file holds no more; "
+    "leave keys out with --exclude"
+)
 _PUT: Final = zenoh.SampleKind.PUT
-MOST_CHANNELS: Final = 65535
-"""MCAP numbers channels with 16 bits."""
 
 
 @dataclass
@@ -38,7 +44,7 @@ class Route:
         self.poses = self.topic == POSES
         self.early = self.topic in (POSES, GRIPPER)
         """Whether it belongs to the pre-roll."""
-        self.essential = self.early or self.action
+        self.essential = self.early or self.action or self.topic.startswith(SIGNALS)
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,7 @@ class Receiver:
         pre_roll_s: float,
         on_action: Callable[[Arrival], None],
         on_poses: Callable[[bytes], None],
+        notices: Notices,
     ) -> None:
         self.lock = threading.RLock()
         self.ledger = Ledger()
@@ -97,7 +104,7 @@ class Receiver:
         self._prefix, self._patterns = prefix, patterns
         self._fence_key, self._fence = f"{prefix}recorder/fence", threading.Condition()
         self._fences, self._fence_passed = itertools.count(1), 0
-        self._on_action, self._on_poses = on_action, on_poses
+        self._on_action, self._on_poses, self._notices = on_action, on_poses, notices
         self._pre_roll = PreRoll(int(pre_roll_s * NS))
         self._intake: Intake | None = None
         self._start_ns = 0
@@ -105,11 +112,8 @@ class Receiver:
         self._sessions: dict[zenoh.ZenohId, str] = {}
         self._paused = False
         self._routes: dict[str, Route] = {}
-        self._channels: list[tuple[str, str]] = [("", "")]
-
-    def channel(self, number: int) -> tuple[str, str]:
-        """The topic and the Zenoh encoding of a channel."""
-        return self._channels[number]
+        self.channels = Channels()
+        """Those of the present recording and of the pre-roll before it."""
 
     def fence(self, session: zenoh.Session, patience_s: float) -> None:
         """Until every sample that reached this process before has been taken in, or the patience [s] ends.
@@ -182,6 +186,15 @@ class Receiver:
         with self.lock:
             self._intake = None
             self._pre_roll.clear()
+            self._begin_channels()
+
+    def _begin_channels(self) -> None:
+        """The next recording numbers its channels anew."""
+        self.channels = Channels()
+        for route in self._routes.values():
+            route.channels.clear()
+        if len(self._routes) > MOST_ROUTES:
+            self._routes.clear()
 
     def receive_cached(self, sample: zenoh.Sample) -> None:
         """Take in a sample out of a publisher's cache."""
@@ -227,12 +240,12 @@ class Receiver:
         payload: bytes,
     ) -> None:
         self.received_bytes += len(payload)
-        channel = route.channels.get(encoding) or self._channel(route, encoding)
         intake = self._intake
         if intake is None:
-            if route.early:
+            if route.early and (channel := route.channels.get(encoding) or self._channel(route, encoding)):
                 self._pre_roll.add(channel, number, log_ns, publish_ns, payload)
         elif not self._paused:
+            channel = route.channels.get(encoding) or self._channel(route, encoding)
             if channel and intake.add(channel, number, log_ns, publish_ns, payload, route.essential, route.action):
                 self.counts[route.topic] = self.counts.get(route.topic, 0) + 1
             else:
@@ -247,7 +260,7 @@ class Receiver:
 
     def _count(self, batch: Batch) -> None:
         for channel in batch.channels:
-            topic = self._channels[channel][0]
+            topic = self.channels.describe(channel)[0]
             self.counts[topic] = self.counts.get(topic, 0) + 1
 
     def _route(self, key: str) -> Route:
@@ -260,9 +273,10 @@ class Receiver:
             return self._routes.setdefault(key, route)
 
     def _channel(self, route: Route, encoding: str) -> int:
-        """The number of a new channel; 0 when there are too many."""
-        if len(self._channels) > MOST_CHANNELS:
-            return 0
-        self._channels.append((route.topic, encoding))
-        route.channels[encoding] = len(self._channels) - 1
-        return len(self._channels) - 1
+        """The number of a channel; 0 when there are too many."""
+        number = self.channels.number(route.topic, encoding, route.essential)
+        if number:
+            route.channels[encoding] = number
+        else:
+            self._notices.add(NO_CHANNEL)
+        return number

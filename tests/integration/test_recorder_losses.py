@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ from support_recorder import (
 )
 
 from recorder.daemon import Options, Recorder
+from recorder.receiving import NO_CHANNEL
 from recorder.recording import messages, read_header
 
 KEY = f"{PREFIX}/force"
@@ -219,6 +221,7 @@ def test_a_publisher_with_a_fixed_id_that_is_started_again_is_followed(tmp_path:
                 stopped = cell.ask("stop", {"outcome": "success"})
     assert recorded(stopped["file"]) == list(range(0 if between == "recording" else 200, 400))
     assert stopped["lost"] == {"/force": 0}
+    assert stopped["notes"] == ["a publisher of /force was started again and begins a new account"]
 
 
 def test_what_a_second_life_says_while_it_is_not_heard_is_had_from_its_cache(tmp_path: Path) -> None:
@@ -246,3 +249,28 @@ def test_what_a_second_life_says_while_it_is_not_heard_is_had_from_its_cache(tmp
                 stopped = cell.ask("stop", {"outcome": "success"})
     assert recorded(stopped["file"]) == list(range(55))
     assert stopped["lost"] == {"/force": 0}
+
+
+def test_keys_without_number_leave_room_for_the_essential_and_for_the_next_demonstration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More keys than a file has channels, in each of two demonstrations."""
+    monkeypatch.setattr("recorder.channels.MOST", 60)
+    monkeypatch.setattr("recorder.channels.KEPT", 10)
+    with recording_cell(tmp_path) as cell:
+        for life in range(2):
+            cell.ask("start", START)
+            for number in range(80):
+                cell.put_json(f"key{life}/{number}", number)
+            cell.put_json("gripper", {"stamp_ns": time.time_ns(), "state": "open"})
+            cell.put_poses({})
+            stopped = cell.ask("stop", {"outcome": "success"})
+            messages_of = stopped["messages"]
+            assert messages_of["/poses"] == messages_of["/gripper"] == 1
+            assert len(messages_of) == 52
+            assert sum(stopped["overflowed"].values()) == 30
+            assert stopped["notes"] == [f"{NO_CHANNEL} (30 times)"]
+            assert NO_CHANNEL in cell.ask("status")["alarms"]
+            assert json.loads(read_header(Path(stopped["file"])).more["notes"]) == stopped["notes"]
+            got = [channel.topic for channel, _ in messages(Path(stopped["file"]))]
+            assert len(got) == 52
