@@ -20,6 +20,7 @@ from learner.model.demonstration import ActionType, Outcome
 from learner.model.pose import Array, angle_between, mean_quaternion
 
 NS: Final = 1_000_000_000
+_NO_GRIPPER: Final = "the gripper's states were not recorded; actions are not checked by them"
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class _Observer:
             start_ns=r.start_ns,
             messages_lost=r.messages_lost,
             scene=r.scene,
-            warnings=() if r.gripper else ("the gripper's states were not recorded; actions are not checked by them",),
+            warnings=(*(() if r.gripper else (_NO_GRIPPER,)), *r.notes),
             gaps=r.gaps,
         )  # fmt: skip
 

@@ -24,7 +24,6 @@ from typing import IO, Any, Final, Self, TypeVar, cast
 
 import numpy as np
 import zstandard
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -47,8 +46,10 @@ from learner.model import ActionPress, GripperSample, ObjectShape, Recording, Sc
 from learner.model.demonstration import Symmetry
 from recorder import records, wire
 from recorder.chunks import COMPRESSION_LEVEL, Batch, PackedChunk, pack_chunk
+from recorder.clocks import Arrived, Straight, straighten
 from recorder.errors import NotARecordingError, PartMissingError, PayloadError, RecorderError
-from recorder.wire import ACTION, ENCODINGS, GRIPPER, POSES
+from recorder.notices import Notices
+from recorder.wire import ACTION, ENCODINGS, GRIPPER, POSES, Sighting
 
 CONTRACT: Final = "1"
 DEMONSTRATION: Final = "treewright.demonstration"
@@ -573,8 +574,9 @@ def sort_parts(files: Sequence[Path]) -> list[Path]:
 def read_recording(paths: Sequence[Path]) -> Recording:
     """The recording in one file, or in the parts of a split one (given in any order).
 
-    Poses relative to another frame than the base, and such without a finite position, a rotation or a stamp, are no
-    sightings and left out. Of exactly equal presses one is kept.
+    Poses relative to another frame than the base are no sightings; messages and poses that say nothing (no finite
+    position, no rotation, no stamp) are left out, and `notes` tell of them. Of exactly equal presses one is kept. All
+    is on one timeline, also where clocks were set (see recorder.clocks).
 
     Raises NotARecordingError for a file that is none or is damaged, TornRecordingError for one that ends before its
     end, PartMissingError for a split one that is not all there, OSError if a file cannot be read.
@@ -585,6 +587,7 @@ def read_recording(paths: Sequence[Path]) -> Recording:
     parts = [_Part(file) for file in files]
     first, last = parts[0].demonstrated, parts[-1].demonstrated
     scene = next((part.demonstrated.scene for part in parts if part.demonstrated.scene), None)
+    straight = _straight(first.base_frame, parts)
     return Recording(
         demonstration_id=first.demonstration_id,
         task=first.task,
@@ -594,15 +597,16 @@ def read_recording(paths: Sequence[Path]) -> Recording:
         end_effector_frame=first.end_effector_frame,
         objects=first.objects,
         outcome=last.outcome,
-        tracks=_tracks(first.base_frame, parts),
-        gripper=tuple(sorted((s for part in parts for s in part.gripper), key=lambda sample: sample.stamp_ns)),
-        presses=tuple(sorted(dict.fromkeys(p for part in parts for p in part.presses), key=lambda p: p.stamp_ns)),
+        tracks={child: _track(seen) for child, seen in sorted(straight.sightings.items()) if seen},
+        gripper=tuple(sorted(straight.gripper, key=lambda sample: sample.stamp_ns)),
+        presses=tuple(sorted(dict.fromkeys(straight.presses), key=lambda press: press.stamp_ns)),
         sha256=sha256_of(files),
         start_ns=first.start_ns,
         messages_lost=_joined_losses([part.demonstrated.messages_lost for part in parts]),
         scene=None if scene is None else _scene(files[0], scene),
         parents=frozenset().union(*(part.parents for part in parts)),
         gaps=tuple(dict.fromkeys(gap for part in parts for gap in part.demonstrated.gaps)),
+        notes=(*straight.notes, *dict.fromkeys(note for part in parts for note in part.oddities.sentences)),
     )
 
 
@@ -625,65 +629,73 @@ def _joined_losses(parts: Sequence[Mapping[str, int | None] | None]) -> dict[str
 
 
 _Parsed = TypeVar("_Parsed")
-_Sighting = tuple[int, float, float, float, float, float, float, float]
 
 
 class _Part:
-    """One file, decoded."""
+    """One file, decoded. What cannot be is left out and noted, as long as its topic holds anything else."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
-        self.gripper: list[GripperSample] = []
-        self.presses: list[ActionPress] = []
-        self.parents: frozenset[str] = frozenset()
-        self.sightings: dict[tuple[str, str], list[_Sighting]] = defaultdict(list)
+        self.gripper: list[Arrived[GripperSample]] = []
+        self.presses: list[Arrived[ActionPress]] = []
+        self.sightings: dict[tuple[str, str], list[Arrived[Sighting]]] = defaultdict(list)
+        self.oddities = Notices()
         self.demonstrated = read_header(file)
         decoders = {POSES: self._poses, GRIPPER: self._gripper, ACTION: self._action}
         for channel, message in messages(file, frozenset(decoders)):
-            decoders[channel.topic](channel, message.data)
+            decoders[channel.topic](channel, message)
         self.parents = frozenset(parent for parent, _ in self.sightings)
+        if self.oddities.sentences and not (self.sightings and self.gripper):
+            self._refuse_what_is_nothing_but_odd()
 
-    def _poses(self, channel: Channel, data: bytes) -> None:
+    def _refuse_what_is_nothing_but_odd(self) -> None:
+        for topic, found in ((POSES, self.sightings), (GRIPPER, self.gripper)):
+            odd = [sentence for sentence in self.oddities.sentences if sentence.startswith(f"a message on {topic} ")]
+            if odd and not found:
+                raise NotARecordingError(self.file, odd[0])
+
+    def _poses(self, channel: Channel, message: Message) -> None:
         if channel.message_encoding != "protobuf":
             raise NotARecordingError(self.file, f"{POSES} is encoded as {channel.message_encoding!r}, not as protobuf")
-        for transform in self._parsed(channel, wire.parse_transforms, data):
-            sighting = _sighting(transform)
-            if sighting:
-                self.sightings[transform.parent_frame_id, transform.child_frame_id].append(sighting)
+        for transform in self._parsed(channel, wire.parse_transforms, message.data) or ():
+            seen = self._parsed(channel, wire.parse_sighting, transform)
+            if seen:
+                self.sightings[seen.parent, seen.child].append(Arrived(message.log_time, seen.stamp_ns, seen))
 
-    def _gripper(self, channel: Channel, data: bytes) -> None:
-        self.gripper.append(self._parsed(channel, wire.parse_gripper, data))
+    def _gripper(self, channel: Channel, message: Message) -> None:
+        sample = self._parsed(channel, wire.parse_gripper, message.data)
+        if sample:
+            self.gripper.append(Arrived(message.log_time, sample.stamp_ns, sample))
 
-    def _action(self, channel: Channel, data: bytes) -> None:
-        self.presses.append(self._parsed(channel, wire.parse_action, data))
-
-    def _parsed(self, channel: Channel, parse: Callable[[bytes], _Parsed], data: bytes) -> _Parsed:
+    def _action(self, channel: Channel, message: Message) -> None:
         try:
-            return parse(data)
+            press = wire.parse_action(message.data)
         except PayloadError as error:
             raise NotARecordingError(self.file, f"a message on {channel.topic} {error}") from error
+        self.presses.append(Arrived(message.log_time, press.stamp_ns, press))
+
+    def _parsed(self, channel: Channel, parse: Callable[[Any], _Parsed], what: Any) -> _Parsed | None:
+        try:
+            return parse(what)
+        except PayloadError as error:
+            self.oddities.add(f"a message on {channel.topic} {error}")
+            return None
 
 
-def _sighting(transform: FrameTransform) -> _Sighting | None:
-    try:
-        seen = wire.parse_sighting(transform)
-    except PayloadError:
-        return None
-    return (seen.stamp_ns, *seen.position, *seen.quaternion_xyzw)
-
-
-def _tracks(base_frame: str, parts: Sequence[_Part]) -> dict[str, Track]:
-    joined: dict[str, list[_Sighting]] = defaultdict(list)
+def _straight(base_frame: str, parts: Sequence[_Part]) -> Straight:
+    """What all parts hold, on one timeline."""
+    joined: dict[str, list[Arrived[Sighting]]] = defaultdict(list)
     for part in parts:
         for (parent, child), sightings in part.sightings.items():
             if parent == base_frame:
                 joined[child] += sightings
-    return {child: _track(sightings) for child, sightings in sorted(joined.items())}
+    gripper = [sample for part in parts for sample in part.gripper]
+    return straighten(joined, gripper, [press for part in parts for press in part.presses])
 
 
-def _track(sightings: list[_Sighting]) -> Track:
-    stamps = np.array([sighting[0] for sighting in sightings], dtype=np.int64)
-    numbers = np.array([sighting[1:] for sighting in sightings], dtype=np.float64)
+def _track(sightings: Sequence[Sighting]) -> Track:
+    stamps = np.array([seen.stamp_ns for seen in sightings], dtype=np.int64)
+    numbers = np.array([(*seen.position, *seen.quaternion_xyzw) for seen in sightings], dtype=np.float64)
     order = np.argsort(stamps, kind="stable")
     return Track(stamps[order], numbers[order, :3], numbers[order, 3:])
 

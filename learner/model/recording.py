@@ -69,3 +69,5 @@ class Recording:
     parents: frozenset[str] = frozenset()
     gaps: tuple[str, ...] = field(default=())
     """Sentences about gaps near an action (a loss that the recorder counted there)."""
+    notes: tuple[str, ...] = ()
+    """Sentences about what was odd in it: clocks that were set, stamps and messages that were left out."""
