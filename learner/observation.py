@@ -37,6 +37,8 @@ class Freshness:
     """By so much the gripper's stamp may run ahead of the press."""
     release_s: float = 2.0
     """So long the gripper may take to move after a press before the press counts as contradicted."""
+    far_m: float = 20.0
+    """No arm reaches so far: what is there was not given in metres."""
     carried_m: float = 0.02
     """An object that keeps its place relative to the held one within this is carried by it."""
 
@@ -116,12 +118,19 @@ class _Observer:
         for name in (r.end_effector_frame, *r.objects):
             if name not in r.tracks or not len(r.tracks[name].stamps_ns):
                 raise DemonstrationRefusedError(self._never_seen(name))
+            if np.median(np.linalg.norm(r.tracks[name].positions, axis=1)) > self.freshness.far_m:
+                raise DemonstrationRefusedError(
+                    f"{name} is more than {self.freshness.far_m:g} m away from {r.base_frame}; "
+                    "positions are metres, these look like millimetres"
+                )
 
     def _never_seen(self, name: str) -> str:
         what = "end-effector frame" if name == self.recording.end_effector_frame else "object"
         others = sorted(self.recording.parents - {self.recording.base_frame})
-        hint = f" (poses were given relative to {', '.join(others)})" if others else ""
-        seen = ", ".join(sorted(self.recording.tracks)) or "nothing"
+        told = [note for note in self.recording.notes if repr(name) in note]
+        told += [f"poses were given relative to {', '.join(others)}"] if others else []
+        hint = f" ({'; '.join(told)})" if told else ""
+        seen = ", ".join(sorted(self.recording.tracks)) or "nothing: the recording holds no poses in that frame"
         return f"the {what} {name} was never seen in {self.recording.base_frame}{hint}; seen were {seen}"
 
     def _names(self) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from recorder.wire import Sighting
 
 NOTICED_NS: Final = NS // 2
 """A wall clock that is set by less [ns] is not worth a word."""
-_GRIPPER: Final = "the gripper"
+THE_GRIPPER: Final = "the gripper"
 
 T = TypeVar("T")
 
@@ -85,7 +85,7 @@ def straighten(
     """
     senders: dict[str, Sequence[Arrived[Sighting]] | Sequence[Arrived[GripperSample]]] = {
         **sightings,
-        _GRIPPER: gripper,
+        THE_GRIPPER: gripper,
     }
     if not any(map(_jumps, senders.values())):
         seen = {child: [each.what for each in found] for child, found in sightings.items()}
@@ -94,9 +94,9 @@ def straighten(
     kept = _follow(timeline, senders)
     return Straight(
         sightings={child: [what._replace(stamp_ns=stamp_ns) for stamp_ns, what in kept[child]] for child in sightings},
-        gripper=[replace(what, stamp_ns=stamp_ns) for stamp_ns, what in kept[_GRIPPER]],
+        gripper=[replace(what, stamp_ns=stamp_ns) for stamp_ns, what in kept[THE_GRIPPER]],
         presses=[replace(p.what, stamp_ns=timeline.moved(p.stamp_ns, p.arrived_ns)) for p in presses],
-        notes=tuple(sentences(timeline.steps, timeline.strays)),
+        notes=tuple(clock_sentences(timeline.steps, timeline.strays)),
     )
 
 
@@ -131,7 +131,7 @@ def _in_order(senders: Mapping[str, Sequence[Arrived[Any]]]) -> Iterator[tuple[s
     return heapq.merge(*streams, key=lambda named: named[1].arrived_ns)
 
 
-def sentences(steps: Sequence[Step], strays: Sequence[Stray]) -> Iterator[str]:
+def clock_sentences(steps: Sequence[Step], strays: Sequence[Stray]) -> Iterator[str]:
     """What to tell of clocks that jumped: a sentence for each step that senders took together, and for each stray."""
     together: dict[int, list[Step]] = defaultdict(list)
     for step in steps:

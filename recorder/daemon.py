@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Literal, Self
@@ -23,7 +24,7 @@ from recorder import disk, wire
 from recorder.caches import Caches
 from recorder.control import Start, parse_outcome, parse_request
 from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderError
-from recorder.feedback import Finding, Plausible, Sightings, gaps_near_actions, judge
+from recorder.feedback import NOT_WATCHING, Finding, Plausible, Sightings, gaps_near_actions, judge
 from recorder.notices import Notices
 from recorder.receiving import Arrival, Patterns, Receiver
 from recorder.recording import Demonstrated, Finished
@@ -37,6 +38,8 @@ NOTES: Final = "notes"
 SETTLE_S: Final = 0.4
 """Poses that arrive later than the press get so long before the operator is told that one is missing."""
 TICK_S: Final = 0.25
+SILENCE_S: Final = 2.0
+"""A topic that learning needs and on which nothing has come for so long [s] since the start is worth an alarm."""
 ALONE_S: Final = (0.0, 0.2, 0.3)
 """Between the looks for another recorder."""
 FENCE_S: Final = 10.0
@@ -69,6 +72,8 @@ class _Open:
     durable_before: int = 0
     """Actions in the parts that are finished."""
     unseen: tuple[str, ...] = ()
+    silence_told: bool = False
+    """Whether topics on which nothing comes have been looked for."""
     presses: list[tuple[int, str]] = field(default_factory=list)
     """Stamp [ns] and type of every action."""
 
@@ -103,16 +108,16 @@ class Recorder:
         self._open: _Open | None = None
         self._paused = False
         self._alarms: deque[str] = deque(maxlen=MOST_ALARMS)
-        self._sightings = Sightings("")
+        self._sightings = NOT_WATCHING
         self._sightings_lock = threading.Lock()
-        self._poses: deque[bytes] = deque(maxlen=4096)
+        self._early: deque[tuple[str, int, bytes]] = deque(maxlen=4096)
         self._requests: queue.SimpleQueue[tuple[str, zenoh.Query] | Callable[[], None] | None] = queue.SimpleQueue()
         self._status_requests: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
         self._stopping = threading.Event()
         self._rate_bytes_s = 0.0
         self._notices = Notices()
         self._receiver = Receiver(
-            self._prefix, self.options.patterns, self.options.pre_roll_s, self._acted, self._poses.append, self._notices
+            self._prefix, self.options.patterns, self.options.pre_roll_s, self._acted, self._early.append, self._notices
         )
         self._caches = Caches(session, self._prefix, self._receiver)
         self._opened = contextlib.ExitStack()
@@ -285,9 +290,7 @@ class Recorder:
         )
         self._alarms.clear()
         self._notices.clear()
-        with self._sightings_lock:
-            if self._sightings.base_frame != start.base_frame:
-                self._sightings = Sightings(start.base_frame)
+        self._watch(Sightings(start.base_frame, (*start.objects, start.end_effector_frame), self._notices))
         writing = self._writing(demonstrated)
         self._paused = False
         now = _Open(demonstrated, writing, time.monotonic())
@@ -313,6 +316,8 @@ class Recorder:
         assert now is not None
         self._caches.settle(SETTLE_NETWORK_S)
         self._receiver.end()
+        self._take_poses()
+        self._watch(NOT_WATCHING)
         self._open = None
         now.writing.drain()
         with self._receiver.lock:
@@ -346,6 +351,7 @@ class Recorder:
         now, self._open = self._open, None
         assert now is not None
         self._receiver.end()
+        self._watch(NOT_WATCHING)
         now.writing.discard()
         for part in now.parts:
             part.file.unlink(missing_ok=True)
@@ -393,6 +399,8 @@ class Recorder:
             self._rate_bytes_s += (rate - self._rate_bytes_s) * TICK_S / 5.0
             self._take_poses()
             self._note_restarts()
+            self._note_clock()
+            self._note_silence()
             if self._notices.untold:
                 self._requests.put(self._tell_notices)
             if self._due():
@@ -403,6 +411,20 @@ class Recorder:
             restarts = self._receiver.ledger.take_restarts()
         for topic, count in restarts.items():
             self._notices.add(f"a publisher of {topic} was started again and begins a new account", count)
+
+    def _note_clock(self) -> None:
+        sentence = self._receiver.clock.noticed()
+        if sentence and self._open is not None:
+            self._notices.add(sentence)
+
+    def _note_silence(self) -> None:
+        now = self._open
+        if now is None or now.silence_told or self._paused or time.monotonic() < now.begun_s + SILENCE_S:
+            return
+        now.silence_told = True
+        for topic in (wire.POSES, wire.GRIPPER):
+            if not now.parts and topic not in self._receiver.counts:
+                self._notices.add(f"nothing is published on {topic} in {self.cell}")
 
     def _tell_notices(self) -> None:
         for sentence in self._notices.take_untold():
@@ -438,8 +460,16 @@ class Recorder:
 
     def _take_poses(self) -> None:
         with self._sightings_lock:
-            while self._poses:
-                self._sightings.add(self._poses.popleft())
+            while self._early:
+                topic, log_ns, payload = self._early.popleft()
+                take = self._sightings.add if topic == wire.POSES else self._sightings.add_gripper
+                take(payload, log_ns)
+
+    def _watch(self, sightings: Sightings) -> None:
+        """Sightings are of one demonstration alone: what was wrong with stamps in another must not blind it."""
+        with self._sightings_lock:
+            self._early.clear()
+            self._sightings = sightings
 
     def _acted(self, arrival: Arrival) -> None:
         """An action has arrived (on the receiving thread): judge it elsewhere."""
@@ -455,30 +485,31 @@ class Recorder:
             self._tell("action", type=press["type"], recorded=False)
             return
         self._open.presses.append((press["stamp_ns"], press["type"]))
-        finding = self._finding(self._open.demonstrated, press["stamp_ns"])
+        finding = self._finding(self._open.demonstrated, press["stamp_ns"], arrival.log_ns)
         if finding.sentences:
-            timer = threading.Timer(SETTLE_S, lambda: self._requests.put(lambda: self._report(press)))
+            again = partial(self._report, self._open, press, arrival.log_ns)
+            timer = threading.Timer(SETTLE_S, lambda: self._requests.put(again))
             timer.daemon = True
             timer.start()
         else:
-            self._report(press)
+            self._report(self._open, press, arrival.log_ns)
 
-    def _finding(self, demonstrated: Demonstrated, stamp_ns: int) -> Finding:
+    def _finding(self, demonstrated: Demonstrated, stamp_ns: int, arrived_ns: int) -> Finding:
         self._take_poses()
         with self._sightings_lock:
             return judge(
                 self._sightings,
                 demonstrated.end_effector_frame,
                 demonstrated.objects,
-                stamp_ns,
+                self._sightings.moved(stamp_ns, arrived_ns),
                 self.options.plausible,
             )
 
-    def _report(self, press: Mapping[str, Any]) -> None:
-        now = self._open
-        if now is None:
+    def _report(self, now: _Open, press: Mapping[str, Any], arrived_ns: int) -> None:
+        """Tell of a press, unless its demonstration has ended meanwhile."""
+        if now is not self._open:
             return
-        finding = self._finding(now.demonstrated, press["stamp_ns"])
+        finding = self._finding(now.demonstrated, press["stamp_ns"], arrived_ns)
         now.unseen = finding.unseen
         self._tell(
             "action",

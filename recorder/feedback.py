@@ -8,16 +8,19 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import defaultdict, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from google.protobuf.message import DecodeError
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 
+from learner.model.stamps import Timeline
+from recorder.clocks import THE_GRIPPER, clock_sentences
+from recorder.errors import PayloadError
 from recorder.ledger import Loss
-from recorder.wire import ACTION, GRIPPER, NS, POSES
+from recorder.notices import Notices
+from recorder.wire import ACTION, GRIPPER, NS, POSES, parse_gripper, parse_sighting, parse_transforms
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,9 @@ class Plausible:
 
 
 Point = tuple[float, float, float]
+FAR_M: Final = 20.0
+"""No arm reaches so far: what is said to be there is given in another unit."""
+FAR: Final = "{child} is more than 20 m away from {base}; positions are metres, these look like millimetres"
 KEPT_NS: Final = 8 * NS
 """Sightings older than this against the newest are forgotten."""
 
@@ -52,26 +58,100 @@ class Finding:
 
 
 class Sightings:
-    """The last seconds of /poses, decoded. Not safe for threads: its owner holds a lock."""
+    """The last seconds of /poses and /gripper in one demonstration, decoded and on one timeline.
 
-    def __init__(self, base_frame: str) -> None:
-        self.base_frame = base_frame
+    What is odd about them goes to `notices`. `names` are the demonstration's objects and its end-effector; of other
+    children nothing is told. Not safe for threads: its owner holds a lock.
+    """
+
+    def __init__(self, base_frame: str, names: Sequence[str] = (), notices: Notices | None = None) -> None:
+        self.base_frame, self._names = base_frame, frozenset(names)
+        self._notices = notices or Notices()
+        self._timeline: Timeline[Point | None] = Timeline()
         self._stamps: dict[str, deque[int]] = defaultdict(deque)
         self._points: dict[str, deque[Point]] = defaultdict(deque)
         self.newest_ns = 0
 
-    def add(self, payload: bytes) -> None:
-        """Take in a message of /poses; one that is none says nothing about any object."""
-        for child, stamp_ns, point in decode(payload, self.base_frame):
-            self.newest_ns = max(self.newest_ns, stamp_ns)
-            stamps, points = self._stamps[child], self._points[child]
-            if stamps and stamp_ns < stamps[-1]:
-                continue
-            stamps.append(stamp_ns)
-            points.append(point)
-            while stamps[0] < self.newest_ns - KEPT_NS and len(stamps) > 1:
-                stamps.popleft()
-                points.popleft()
+    def add(self, payload: bytes, arrived_ns: int) -> None:
+        """Take in a message of /poses that arrived at a log time [ns]."""
+        if not self.base_frame:
+            return
+        try:
+            transforms = parse_transforms(payload)
+        except PayloadError as error:
+            self._notices.add(f"a message on {POSES} {error}")
+            return
+        for transform in transforms:
+            self._see(transform, arrived_ns)
+        self._note_clocks()
+
+    def add_gripper(self, payload: bytes, arrived_ns: int) -> None:
+        """Take in a message of /gripper that arrived at a log time [ns]."""
+        if not self.base_frame:
+            return
+        try:
+            stamp_ns = parse_gripper(payload).stamp_ns
+        except PayloadError as error:
+            self._notices.add(f"a message on {GRIPPER} {error}")
+            return
+        self._timeline.take(THE_GRIPPER, stamp_ns, arrived_ns, None)
+        self._note_clocks()
+
+    def moved(self, stamp_ns: int, arrived_ns: int) -> int:
+        """Where the stamp [ns] of an action stands on the timeline of the poses."""
+        return self._timeline.moved(stamp_ns, arrived_ns)
+
+    def _see(self, transform: FrameTransform, arrived_ns: int) -> None:
+        child = transform.child_frame_id
+        try:
+            seen = parse_sighting(transform)
+        except PayloadError as error:
+            self._note(child, f"a message on {POSES} {error}")
+            return
+        if seen.parent != self.base_frame:
+            if child not in self._stamps:
+                self._note(child, f"{child} is given in {seen.parent!r}, not in the base frame {self.base_frame}")
+            return
+        if math.hypot(*seen.position) > FAR_M:
+            self._note(child, FAR.format(child=child, base=self.base_frame))
+        for stamp_ns, point in self._timeline.take(child, seen.stamp_ns, arrived_ns, seen.position):
+            self._keep(child, stamp_ns, point)
+
+    def _note(self, child: str, sentence: str) -> None:
+        if child in self._names:
+            self._notices.add(sentence)
+
+    def _note_clocks(self) -> None:
+        steps, strays = self._timeline.steps, self._timeline.strays
+        if not (steps or strays):
+            return
+        for sentence in clock_sentences(steps, strays):
+            self._notices.add(sentence)
+        for stray in strays:
+            self._forget(str(stray.sender), stray.stamp_ns)
+        steps.clear()
+        strays.clear()
+
+    def _keep(self, child: str, stamp_ns: int, point: Point | None) -> None:
+        assert point is not None
+        self.newest_ns = max(self.newest_ns, stamp_ns)
+        stamps, points = self._stamps[child], self._points[child]
+        index = bisect_right(stamps, stamp_ns)
+        if index and stamps[index - 1] == stamp_ns:
+            return
+        stamps.insert(index, stamp_ns)
+        points.insert(index, point)
+        while stamps[0] < self.newest_ns - KEPT_NS and len(stamps) > 1:
+            stamps.popleft()
+            points.popleft()
+
+    def _forget(self, child: str, stamp_ns: int) -> None:
+        """A stamp that was taken in turned out a stray."""
+        stamps = self._stamps.get(child)
+        if stamps is not None and stamp_ns in stamps:
+            del self._points[child][stamps.index(stamp_ns)]
+            stamps.remove(stamp_ns)
+            self.newest_ns = max((stamps[-1] for stamps in self._stamps.values() if stamps), default=0)
 
     def age_s(self, child: str, stamp_ns: int) -> float | None:
         """How old [s] the last pose at or before a stamp is; None if there is none."""
@@ -100,16 +180,8 @@ class Sightings:
         return max(steps, default=0.0)
 
 
-def decode(payload: bytes, base_frame: str) -> Iterator[tuple[str, int, Point]]:
-    """Child, stamp [ns] and position [m] of every transform from the base frame in a message of /poses."""
-    try:
-        transforms = FrameTransforms.FromString(payload).transforms
-    except DecodeError:
-        return
-    for transform in transforms:
-        point = (transform.translation.x, transform.translation.y, transform.translation.z)
-        if transform.parent_frame_id == base_frame and all(map(math.isfinite, point)):
-            yield transform.child_frame_id, transform.timestamp.seconds * NS + transform.timestamp.nanos, point
+NOT_WATCHING: Final = Sightings("")
+"""Takes nothing in."""
 
 
 def judge(
@@ -132,6 +204,8 @@ def judge(
     return Finding(tuple(unseen), tuple(sentences))
 
 
+APART_S: Final = 3600.0
+"""A pose so old is not an old one: the clocks are apart."""
 BEFORE_NS: Final = 1 * NS
 """A gap so long before an action may have taken the pose that the action is matched to."""
 AFTER_NS: Final = 2 * NS
@@ -155,7 +229,10 @@ def _touches(loss: Loss, stamp_ns: int) -> bool:
 
 
 def _age(age_s: float | None) -> str:
-    return "no pose came before the action" if age_s is None else f"its last pose is {age_s:.1f} s old"
+    if age_s is None:
+        return "no pose came before the action"
+    apart = "; do the clocks of poses and action agree?" if age_s > APART_S else ""
+    return f"its last pose is {age_s:.1f} s old{apart}"
 
 
 def _jumps(sightings: Sightings, name: str, stamp_ns: int, plausible: Plausible) -> list[str]:

@@ -99,6 +99,11 @@ class PreRoll:
         while kept and (kept[0][0] < log_ns - self.length_ns or self._size_bytes > self.limit_bytes):
             self._size_bytes -= len(kept.popleft()[4]) + OVERHEAD
 
+    def move(self, by_ns: int) -> None:
+        """The clock of the log was set by so much [ns]: what is kept is as old as before."""
+        kept = [(log_ns + by_ns, *rest) for log_ns, *rest in self._kept]
+        self._kept = deque(kept)  # type: ignore[arg-type]  # a star in a tuple has no types
+
     def take(self, now_ns: int) -> Batch:
         """What is not older than the pre-roll's length, and nothing is kept any more."""
         batch = Batch()

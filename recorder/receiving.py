@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -16,11 +15,12 @@ import zenoh
 
 from recorder.channels import KEPT, MOST, Channels
 from recorder.chunks import Batch
+from recorder.clocks import LogClock
 from recorder.errors import RecorderError
 from recorder.intake import Intake, PreRoll
 from recorder.ledger import Ledger, Loss, Source
 from recorder.notices import Notices
-from recorder.wire import ACTION, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES, SIGNALS
+from recorder.wire import ACTION, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES, SIGNALS, listed
 
 MOST_ROUTES: Final = 10_000
 """More keys than these are looked at anew in the next recording."""
@@ -94,17 +94,18 @@ class Receiver:
         patterns: Patterns,
         pre_roll_s: float,
         on_action: Callable[[Arrival], None],
-        on_poses: Callable[[bytes], None],
+        on_early: Callable[[tuple[str, int, bytes]], None],
         notices: Notices,
     ) -> None:
         self.lock = threading.RLock()
         self.ledger = Ledger()
+        self.clock = LogClock()
         self.received_bytes = 0
         self.counts: dict[str, int] = {}
         self._prefix, self._patterns = prefix, patterns
         self._fence_key, self._fence = f"{prefix}recorder/fence", threading.Condition()
         self._fences, self._fence_passed = itertools.count(1), 0
-        self._on_action, self._on_poses, self._notices = on_action, on_poses, notices
+        self._on_action, self._on_early, self._notices = on_action, on_early, notices
         self._pre_roll = PreRoll(int(pre_roll_s * NS))
         self._intake: Intake | None = None
         self._start_ns = 0
@@ -151,7 +152,8 @@ class Receiver:
     def begin(self, intake: Intake) -> int:
         """A recording begins, with the pre-roll; returns its start [ns]."""
         with self.lock:
-            now_ns = time.time_ns()
+            self._pre_roll.move(self.clock.set())
+            now_ns = self.clock.now_ns()
             batch = self._pre_roll.take(now_ns)
             self.counts = {}
             self._count(batch)
@@ -202,7 +204,6 @@ class Receiver:
 
     def receive(self, sample: zenoh.Sample, cached: bool = False) -> None:
         """Take in a sample as it comes from the network, or out of a cache (`cached`)."""
-        log_ns = time.time_ns()
         key = str(sample.key_expr)
         route = self._routes.get(key) or self._route(key)
         if not route.recorded:
@@ -211,9 +212,10 @@ class Receiver:
             return
         payload = sample.payload.to_bytes()
         stamp = sample.timestamp
-        publish_ns = log_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos()
         info = sample.source_info
         with self.lock:
+            log_ns = self.clock.now_ns()
+            publish_ns = log_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos()
             number, source = 0, None
             if info is None:
                 self.ledger.arrived_unnumbered(route.topic)
@@ -240,6 +242,8 @@ class Receiver:
         payload: bytes,
     ) -> None:
         self.received_bytes += len(payload)
+        if route.poses:
+            payload = listed(payload)
         intake = self._intake
         if intake is None:
             if route.early and (channel := route.channels.get(encoding) or self._channel(route, encoding)):
@@ -250,8 +254,8 @@ class Receiver:
                 self.counts[route.topic] = self.counts.get(route.topic, 0) + 1
             else:
                 self.ledger.refused(route.topic, source, publish_ns)
-        if route.poses:
-            self._on_poses(payload)
+        if route.early:
+            self._on_early((route.topic, log_ns, payload))
         elif route.action:
             self._on_action(Arrival(log_ns, payload, intake is not None and not self._paused))
 
@@ -259,9 +263,11 @@ class Receiver:
         return self._sessions.setdefault(session, str(session))
 
     def _count(self, batch: Batch) -> None:
-        for channel in batch.channels:
+        """The pre-roll belongs to the recording, and to what its teacher is told."""
+        for channel, log_ns, payload in zip(batch.channels, batch.stamps_ns, batch.pieces[1::2], strict=True):
             topic = self.channels.describe(channel)[0]
             self.counts[topic] = self.counts.get(topic, 0) + 1
+            self._on_early((topic, log_ns, payload))
 
     def _route(self, key: str) -> Route:
         relative = key.removeprefix(self._prefix)

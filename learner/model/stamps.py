@@ -128,8 +128,25 @@ class Timeline(Generic[Item]):
         return [*waited, (stamp_ns + known.shift_ns, item)]
 
     def end(self) -> list[tuple[int, Item]]:
-        """Nothing more will come: what waits is late or stray."""
-        return [found for sender, known in self._senders.items() for found in self._leave(sender, known)]
+        """Nothing more will come: what waits took a step that others took too, or is late or stray."""
+        return [
+            found for sender, known in self._senders.items() if known.waiting for found in self._settle(sender, known)
+        ]
+
+    def _settle(self, sender: Hashable, known: _Sender[Item]) -> list[tuple[int, Item]]:
+        first = known.waiting[0]
+        shift_ns = self._step_of_others(known, first.stamp_ns, first.arrived_ns)
+        return self._leave(sender, known) if shift_ns is None else self._take_step(sender, known, shift_ns)
+
+    def _step_of_others(self, known: _Sender[Item], stamp_ns: int, arrived_ns: int) -> int | None:
+        """The shift [ns] of a step that other senders took, if it brings a stamp to the present; else None."""
+        shift_ns = self._shift_near(stamp_ns, arrived_ns)
+        near = abs(stamp_ns + shift_ns - self._now_at(arrived_ns)) <= SAME_NS
+        return shift_ns if self.jumped and near and shift_ns != known.shift_ns else None
+
+    def _now_at(self, arrived_ns: int) -> int:
+        """What the timeline shows at an arrival [ns]."""
+        return self._now_ns + arrived_ns - self._now_arrived_ns
 
     def moved(self, stamp_ns: int, arrived_ns: int) -> int:
         """Where a single stamp [ns] that arrived then stands on the timeline."""
@@ -139,7 +156,7 @@ class Timeline(Generic[Item]):
         """Of all shifts the one that brings a stamp nearest to what the timeline shows at an arrival [ns]."""
         if len(self._shifts) == 1:
             return 0
-        now_ns = self._now_ns + arrived_ns - self._now_arrived_ns
+        now_ns = self._now_at(arrived_ns)
         return min(reversed(self._shifts), key=lambda shift: abs(stamp_ns + shift - now_ns))
 
     def _doubt(self, sender: Hashable, known: _Sender[Item], stamped: Stamped[Item]) -> list[tuple[int, Item]]:
@@ -147,6 +164,9 @@ class Timeline(Generic[Item]):
         if known.waiting and not known.waits_for(stamped.stamp_ns, stamped.arrived_ns):
             left = self._leave(sender, known)
         known.waiting.append(stamped)
+        shift_ns = self._step_of_others(known, stamped.stamp_ns, stamped.arrived_ns)
+        if shift_ns is not None:
+            return [*left, *self._take_step(sender, known, shift_ns)]
         if len(known.waiting) < CONFIRMED:
             return left
         return [*left, *self._decide(sender, known)]
@@ -177,21 +197,23 @@ class Timeline(Generic[Item]):
         return self._go_on(known)
 
     def _step(self, sender: Hashable, known: _Sender[Item]) -> list[tuple[int, Item]]:
+        """The first sender to take a step: from here on its stamps are moved so that time goes on."""
         first = known.waiting[0]
-        now_ns = max(self._now_ns + first.arrived_ns - self._now_arrived_ns, known.stamp_ns + known.shift_ns)
-        shift_ns = self._shift_near(first.stamp_ns, first.arrived_ns)
-        if abs(first.stamp_ns + shift_ns - now_ns) > SAME_NS or shift_ns == known.shift_ns:
-            shift_ns = now_ns - first.stamp_ns
-            self._shifts.append(shift_ns)
-        jump_ns = first.stamp_ns - known.stamp_ns - (first.arrived_ns - known.arrived_ns)
-        self.steps.append(Step(sender, first.arrived_ns, shift_ns, jump_ns))
+        shift_ns = max(self._now_at(first.arrived_ns), known.stamp_ns + known.shift_ns) - first.stamp_ns
+        self._shifts.append(shift_ns)
+        taken = self._take_step(sender, known, shift_ns)
+        self._now_ns, self._now_arrived_ns = known.stamp_ns + shift_ns, known.arrived_ns
         for other in self._senders.values():
             if other.known_since_ns >= first.arrived_ns:
                 other.shift_ns = self._shift_near(other.stamp_ns, other.arrived_ns)
-        known.shift_ns = shift_ns
-        taken = self._go_on(known)
-        self._now_ns, self._now_arrived_ns = known.stamp_ns + shift_ns, known.arrived_ns
         return taken
+
+    def _take_step(self, sender: Hashable, known: _Sender[Item], shift_ns: int) -> list[tuple[int, Item]]:
+        first = known.waiting[0]
+        jump_ns = first.stamp_ns - known.stamp_ns - (first.arrived_ns - known.arrived_ns)
+        self.steps.append(Step(sender, first.arrived_ns, shift_ns, jump_ns))
+        known.shift_ns, known.alone = shift_ns, False
+        return self._go_on(known)
 
     def _leave(self, sender: Hashable, known: _Sender[Item]) -> list[tuple[int, Item]]:
         """The sender goes on where it was: what waited is late, or stray."""
