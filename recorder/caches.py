@@ -21,10 +21,11 @@ from typing import Final, Self
 
 import zenoh
 
+from recorder.latched import Latched
 from recorder.ledger import Source
 from recorder.receiving import Receiver
+from recorder.wire import ADVANCED
 
-ADVANCED: Final = "/@adv/pub/"
 PATIENCE_S: Final = 0.03
 """A sample may be overtaken on its way by so much without being asked for."""
 AGAIN_S: Final = (0.1, 0.3, 1.0)
@@ -67,6 +68,7 @@ class Caches:
 
     def __init__(self, session: zenoh.Session, prefix: str, receiver: Receiver) -> None:
         self._session, self._prefix, self._receiver = session, prefix, receiver
+        self.latched = Latched(session, prefix, receiver)
         self._present: set[Source] = set()
         self._gone: set[Source] = set()
         self._questions: dict[Source, _Questions] = {}
@@ -99,6 +101,7 @@ class Caches:
             self._ask_tail(topic, source)
         while time.monotonic() < end_s and self._unsettled():
             time.sleep(0.005)
+        self.latched.keep(end=True)
 
     def _recorded_sources(self) -> dict[Source, str]:
         with self._lock, self._receiver.lock:
@@ -107,7 +110,7 @@ class Caches:
 
     def _unsettled(self) -> bool:
         with self._lock, self._receiver.lock:
-            busy = any(questions.busy for questions in self._questions.values())
+            busy = any(questions.busy for questions in self._questions.values()) or not self.latched.settled
             return busy or any(source not in self._gone for source in self._receiver.ledger.open_gaps)
 
     # --- what publishers tell
@@ -122,6 +125,8 @@ class Caches:
 
     def _token(self, sample: zenoh.Sample) -> None:
         parsed = self._parse(str(sample.key_expr))
+        if sample.kind == zenoh.SampleKind.PUT and self._receiver.recording:
+            self.latched.came(str(sample.key_expr))
         if parsed is None or not self._receiver.records(parsed[0]):
             return
         topic, source = parsed
@@ -161,6 +166,7 @@ class Caches:
             self._ask_for_gaps()
             if self._receiver.recording:
                 self._ask_the_quiet()
+                self.latched.keep()
             self._wake.wait(PATIENCE_S)
             self._wake.clear()
             self._stopping.wait(PATIENCE_S)

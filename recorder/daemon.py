@@ -296,6 +296,7 @@ class Recorder:
         now = _Open(demonstrated, writing, time.monotonic())
         now.demonstrated = replace(demonstrated, start_ns=self._receiver.begin(writing.intake))
         self._open = now
+        self._caches.latched.begin()
         self._tell("start", demonstration_id=demonstrated.demonstration_id, file=str(writing.file))
         return {"demonstration_id": demonstrated.demonstration_id, "file": str(writing.file)}
 
@@ -380,7 +381,9 @@ class Recorder:
         part = (now.demonstrated.part or 1) + 1
         following = replace(now.demonstrated, part=part)
         writing = self._writing(following)
+        self._caches.latched.keep(end=True)
         lost, losses = self._receiver.swap(writing.intake)
+        self._caches.latched.begin()
         now.demonstrated, now.writing, now.begun_s = following, writing, time.monotonic()
         gaps, notes = gaps_near_actions(losses, now.presses), self._notices.sentences
         finished = _finish(before, "unknown", lost, gaps, notes, continued=True)

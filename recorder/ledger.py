@@ -69,6 +69,8 @@ class _Account:
     counted: bool
     """Whether it was first heard of during the present recording."""
     gaps: list[Gap] = field(default_factory=list)
+    at_begin: int | None = None
+    """The number that it was to use next when the present file began, if it was known then."""
     stamps: dict[int, int] = field(default_factory=dict)
     """When the last samples were published [ns], by number."""
 
@@ -120,6 +122,8 @@ class Ledger:
         """A recording begins: what was missing before does not concern it."""
         self.forget()
         self._counting = True
+        for account in self._accounts.values():
+            account.at_begin = account.next
 
     def pause(self) -> None:
         """What is missed from now on is not missing from the recording."""
@@ -258,6 +262,13 @@ class Ledger:
     def expected(self, source: Source) -> int:
         """The number that the source will use next, as far as known."""
         return self._accounts[source].next
+
+    def silent(self, source: Source, number: int) -> bool | None:
+        """Whether `number` was a source's newest when the present file began, and still is; None if unknown then."""
+        account = self._accounts.get(source)
+        if account is None or account.at_begin is None:
+            return None
+        return account.at_begin == account.next == (number + 1) % _WRAP
 
     # --- what is missing
 

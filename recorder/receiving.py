@@ -202,6 +202,30 @@ class Receiver:
         """Take in a sample out of a publisher's cache."""
         self.receive(sample, cached=True)
 
+    def receive_latched(self, samples: Sequence[zenoh.Sample]) -> None:
+        """Record what a publisher's cache held when the file began, if it is silent since; oldest first.
+
+        The samples were published, and perhaps received, before: they do not concern the ledger.
+        """
+        route = self._route(str(samples[-1].key_expr))
+        with self.lock:
+            if self.recording and self._is_latched(route, samples[-1]):
+                for sample in samples:
+                    log_ns, stamp, info = self.clock.now_ns(), sample.timestamp, sample.source_info
+                    publish_ns = log_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos()
+                    number = 0 if info is None else info.source_sn
+                    encoding, payload = str(sample.encoding), sample.payload.to_bytes()
+                    self._keep(route, encoding, number, None, log_ns, publish_ns, payload)
+
+    def _is_latched(self, route: Route, newest: zenoh.Sample) -> bool:
+        info, stamp = newest.source_info, newest.timestamp
+        before = stamp is not None and stamp.get_time_as_ntp64().as_nanos() < self._start_ns
+        if info is None:
+            return before and route.topic not in self.counts
+        source = (self._session(info.source_id.zid), info.source_id.eid)
+        silent = self.ledger.silent(source, info.source_sn)
+        return before if silent is None else silent
+
     def receive(self, sample: zenoh.Sample, cached: bool = False) -> None:
         """Take in a sample as it comes from the network, or out of a cache (`cached`)."""
         key = str(sample.key_expr)

@@ -34,6 +34,9 @@ ESSENTIAL: Final = (POSES, GRIPPER, ACTION)
 NOT_RECORDED: Final = ("recorder", "skills")
 """First chunks of the keys that are never recorded."""
 
+ADVANCED: Final = "/@adv/pub/"
+"""Behind the key of a publisher of zenoh.ext stands so what is said of it: <key>/@adv/pub/<session>/<number>/…"""
+
 JSON_ENCODING: Final = "application/json"
 POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
 GRIPPER_ENCODING: Final = "application/json;treewright.GripperState"

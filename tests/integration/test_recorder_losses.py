@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+import zenoh.ext as ze
 from support_recorder import (
     CELL,
     PREFIX,
@@ -274,3 +275,40 @@ def test_keys_without_number_leave_room_for_the_essential_and_for_the_next_demon
             assert json.loads(read_header(Path(stopped["file"])).more["notes"]) == stopped["notes"]
             got = [channel.topic for channel, _ in messages(Path(stopped["file"]))]
             assert len(got) == 52
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_what_is_latched_is_in_every_file(tmp_path: Path, numbered: bool) -> None:
+    """Published once, before the recorder was even there; streams begin with what comes after the start."""
+    miss = ze.MissDetectionConfig(heartbeat=0.1) if numbered else None
+    with contextlib.ExitStack() as opened:
+        endpoint = free_endpoint()
+        theirs = opened.enter_context(zenoh.open(configuration(listen=endpoint)))
+        info = opened.enter_context(
+            ze.declare_advanced_publisher(
+                theirs, f"{PREFIX}/camera/info", cache=ze.CacheConfig(10), sample_miss_detection=miss
+            )
+        )
+        buttons, stream = (
+            opened.enter_context(advanced_publisher(theirs, f"{PREFIX}/{key}")) for key in ("action", "force")
+        )
+        for number in range(3):
+            info.put(f"info {number}")
+        stream.put("-1")
+        buttons.put(f'{{"stamp_ns": {time.time_ns()}, "type": "pick"}}')
+        ours = opened.enter_context(zenoh.open(configuration(connect=endpoint)))
+        opened.enter_context(Recorder(ours, CELL, tmp_path))
+        wait_for(lambda: reached(theirs), "the recorder")
+        for _ in range(2):
+            ask(theirs, "start", START)
+            stream.put("0")
+            ask(theirs, "split")
+            stream.put("0")
+            stopped = ask(theirs, "stop", {"outcome": "success"})
+            for file in stopped["parts"]:
+                found = [(channel.topic, message.data) for channel, message in messages(Path(file))]
+                held = [data for topic, data in found if topic == "/camera/info"]
+                assert held == ([b"info 0", b"info 1", b"info 2"] if numbered else [b"info 2"])
+                assert {data for topic, data in found if topic == "/force"} == {b"0"}
+                assert "/action" not in dict(found)
+            assert stopped["lost"]["/force"] == 0
