@@ -21,12 +21,12 @@ import zenoh
 
 from learner.model import check_name
 from recorder import disk, wire
-from recorder.caches import Caches
 from recorder.control import Start, parse_outcome, parse_request
 from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderError
 from recorder.feedback import NOT_WATCHING, Finding, Plausible, Sightings, gaps_near_actions, judge
+from recorder.intake.caches import Caches
+from recorder.intake.receiving import Arrival, Patterns, Receiver
 from recorder.notices import Notices
-from recorder.receiving import Arrival, Patterns, Receiver
 from recorder.recording import Demonstrated, Finished
 from recorder.recovery import recover_folder, sole_recorder
 from recorder.writing import Writing

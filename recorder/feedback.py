@@ -18,7 +18,7 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from learner.model.stamps import Timeline
 from recorder.clocks import THE_GRIPPER, clock_sentences
 from recorder.errors import PayloadError
-from recorder.ledger import Loss
+from recorder.intake.ledger import Loss
 from recorder.notices import Notices
 from recorder.wire import ACTION, GRIPPER, NS, POSES, parse_gripper, parse_sighting, parse_transforms
 

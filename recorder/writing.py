@@ -11,7 +11,7 @@ from typing import Final
 
 from recorder.chunks import Batch
 from recorder.disk import Reserve
-from recorder.intake import Intake
+from recorder.intake.waiting import Intake
 from recorder.recording import Demonstrated, Finished, RecordingWriter
 
 CHUNK_S: Final = 0.1

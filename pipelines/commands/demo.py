@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from pipelines.commands.options import SEED, SPEED, whole
 from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import Home
@@ -30,9 +31,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `treewright demo`."""
     parser.add_argument("--home", type=Path, metavar="DIR", help=f"folder of the demo (default ./{FOLDER})")
     parser.add_argument("--keep", action="store_true", help="keep the folder of an earlier demo; this one goes beside")
-    parser.add_argument("--demonstrations", type=_count, default=3, metavar="N", help="how many are shown (default 3)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything random (default 1)")
-    parser.add_argument("--speed", type=float, default=3.0, metavar="X", help="the cell's time, in units of the wall's")
+    parser.add_argument(
+        "--demonstrations", type=whole(1, 100), default=3, metavar="N", help="how many are shown (default 3)"
+    )
+    parser.add_argument("--seed", type=SEED, default=1, metavar="N", help="of everything random (default 1)")
+    parser.add_argument(
+        "--speed",
+        type=SPEED,
+        default=3.0,
+        metavar="X",
+        help="the cell's time, in units of the wall's",
+    )
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
@@ -90,9 +99,3 @@ def _tell(report: Report, console: Console) -> None:
     console.say(f"traces      {Path(files['traces'][0]).parent}")
     console.say(f"logs        {files['logs']}")
     console.say(f"flows       TREEWRIGHT_HOME={files['home']} treewright serve   shows Prefect's pages again")
-
-
-def _count(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 100):
-        raise argparse.ArgumentTypeError(f"from 1 to 100 demonstrations, not {text!r}")
-    return int(text)

@@ -7,6 +7,7 @@ import json
 import time
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.options import PATIENCE, STAMP_NS
 from pipelines.console import Console
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.session import add_zenoh_arguments, open_session
@@ -23,11 +24,11 @@ APPEARS_S = 3.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The buttons, each with its own options; the common ones may stand before or behind the button."""
     parser.add_argument("--cell", required=True, help="the cell")
-    parser.add_argument("--timeout", type=float, default=60.0, metavar="S", help="patience with the recorder [s]")
+    parser.add_argument("--timeout", type=PATIENCE, default=60.0, metavar="S", help="patience with the recorder [s]")
     add_zenoh_arguments(parser)
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument("--json", action="store_true", help=argparse.SUPPRESS)
-    common.add_argument("--timeout", type=float, help=argparse.SUPPRESS)
+    common.add_argument("--timeout", type=PATIENCE, help=argparse.SUPPRESS)
     add_zenoh_arguments(common)
     buttons = parser.add_subparsers(dest="button", metavar="BUTTON", required=True)
     start = buttons.add_parser("start", help="begin a demonstration", parents=[common])
@@ -40,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name in ACTIONS:
         action = buttons.add_parser(name, help=f"the end-effector stands where it will {name}", parents=[common])
         action.add_argument("object", nargs="?", help="by default the nearest object, or the one held")
-        action.add_argument("--stamp-ns", type=int, help="the moment it was chosen (default: now)")
+        action.add_argument("--stamp-ns", type=STAMP_NS, help="the moment it was chosen (default: now)")
     stop = buttons.add_parser("stop", help="end the demonstration; answers when it is durable", parents=[common])
     stop.add_argument("--outcome", choices=("success", "failure", "unknown"), default="success")
     for name in REQUESTS:

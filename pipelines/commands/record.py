@@ -7,6 +7,7 @@ import signal
 import threading
 from typing import Any
 
+from pipelines.commands.options import MEGABYTES, real, seconds
 from pipelines.console import Console
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
@@ -15,12 +16,26 @@ from pipelines.network.session import add_zenoh_arguments, open_session
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `record`."""
     parser.add_argument("--cell", required=True, help="the cell to record")
-    parser.add_argument("--pre-roll", type=float, default=2.0, metavar="S", help="poses before a start [s] (default 2)")
+    parser.add_argument(
+        "--pre-roll",
+        type=seconds(least=0, most=600),
+        default=2.0,
+        metavar="S",
+        help="poses before a start [s] (default 2)",
+    )
     parser.add_argument("--include", action="append", default=[], metavar="KEY", help="record only such other keys")
     parser.add_argument("--exclude", action="append", default=[], metavar="KEY", help="do not record such other keys")
-    parser.add_argument("--split-mb", type=float, metavar="MB", help="go on in another file after so much")
-    parser.add_argument("--split-s", type=float, metavar="S", help="go on in another file after so long [s]")
-    parser.add_argument("--buffer-mb", type=float, default=256, metavar="MB", help="memory while the disk is slow")
+    parser.add_argument(
+        "--split-mb", type=real(least=0.01, most=1 << 20), metavar="MB", help="then go on in another file"
+    )
+    parser.add_argument("--split-s", type=seconds(least=0.1), metavar="S", help="then go on in another file")
+    parser.add_argument(
+        "--buffer-mb",
+        type=MEGABYTES,
+        default=256,
+        metavar="MB",
+        help="memory while the disk is slow",
+    )
     add_zenoh_arguments(parser)
 
 
@@ -45,7 +60,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
 def _options(arguments: argparse.Namespace) -> Any:
     from recorder.daemon import Options
-    from recorder.receiving import Patterns
+    from recorder.intake.receiving import Patterns
 
     return Options(
         pre_roll_s=arguments.pre_roll,

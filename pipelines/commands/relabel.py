@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 
+from pipelines.commands.options import INDEX
 from pipelines.console import Console
 from pipelines.home import Home
 
@@ -15,7 +16,9 @@ from pipelines.home import Home
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `treewright relabel`."""
     parser.add_argument("id", metavar="ID", help="id of the demonstration")
-    parser.add_argument("step", metavar="STEP", type=int, help="number of the action, as `treewright demos show` tells")
+    parser.add_argument(
+        "step", metavar="STEP", type=INDEX, help="number of the action, as `treewright demos show` tells"
+    )
     parser.add_argument("type", metavar="TYPE", choices=("pick", "place", "drop"), help="place or drop")
 
 

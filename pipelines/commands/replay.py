@@ -7,8 +7,8 @@ import signal
 import threading
 from pathlib import Path
 
+from pipelines.commands.options import DURATION, INDEX, real
 from pipelines.console import Console
-from pipelines.errors import CommandError
 from pipelines.network.session import add_zenoh_arguments, open_session
 
 
@@ -16,15 +16,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is published, where, and how fast."""
     parser.add_argument("file", metavar="FILE", type=Path)
     parser.add_argument("--cell", help="the cell to publish as (default: the recording's own)")
-    parser.add_argument("--rate", type=float, default=1.0, help="so many times as fast (default 1)")
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="from so long after its beginning [s]")
+    parser.add_argument("--rate", type=real(above=0, most=1e6), default=1.0, help="so many times as fast (default 1)")
+    parser.add_argument("--start", type=DURATION, default=0.0, metavar="S", help="from so long after its beginning [s]")
     parser.add_argument(
-        "--loop", type=int, nargs="?", const=0, default=1, metavar="N", help="N times; without N for ever"
+        "--loop", type=INDEX, nargs="?", const=0, default=1, metavar="N", help="N times; without N for ever"
     )
     parser.add_argument(
         "--restamp", action="store_true", help="move the stamps in the messages to now (default: as they are)"
     )
-    parser.add_argument("--wait", type=float, default=1.0, metavar="S", help="for subscribers to connect (default 1)")
+    parser.add_argument(
+        "--wait", type=DURATION, default=1.0, metavar="S", help="for subscribers to connect (default 1)"
+    )
     add_zenoh_arguments(parser)
 
 
@@ -34,8 +36,6 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     from recorder.recording import read_header
     from recorder.replay import Replay, replay
 
-    if not arguments.rate > 0 or arguments.start < 0 or arguments.loop < 0 or arguments.wait < 0:
-        raise CommandError("--rate is a positive number; --start, --loop and --wait are not negative")
     stopped = threading.Event()
     for ending in (signal.SIGINT, signal.SIGTERM):
         signal.signal(ending, lambda *_: stopped.set())

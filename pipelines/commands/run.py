@@ -9,7 +9,6 @@ several, after `{"ready": true}`. `--dry-run` tells `{"outcome": "dry-run", ...,
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import signal
 import threading
@@ -20,6 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from pipelines.commands.options import PATIENCE
 from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import Home
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="read the artifact store in DIR (without DIR the one below TREEWRIGHT_HOME) instead of asking over Zenoh",
     )
-    parser.add_argument("--timeout", type=_seconds, metavar="S", help="give up after S seconds (no limit)")
+    parser.add_argument("--timeout", type=PATIENCE, metavar="S", help="give up after S seconds (no limit)")
     parser.add_argument("--watch", action="store_true", help="go on after success and repair what is disturbed")
     parser.add_argument("--dry-run", action="store_true", help="fetch and check, say what would be done, move nothing")
     add_zenoh_arguments(parser)
@@ -62,13 +62,6 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
         job = _fetched(arguments, session, reference, stop)
         console.say(f"{job.name} is {job.nodes} nodes, digest {job.digest[:12]}")
         return _on_cell(arguments, console, session, job, cell, stop)
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise ValueError(text)
-    return seconds
 
 
 def _stopped_by_signals() -> threading.Event:

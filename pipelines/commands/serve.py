@@ -9,7 +9,6 @@ store does not answer for a while.
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import signal
 import threading
@@ -17,6 +16,7 @@ import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
+from pipelines.commands.options import PERIOD, PORT
 from pipelines.console import Console
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
@@ -33,10 +33,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--http", type=_address, default=_address(DEFAULT_HTTP), metavar="HOST:PORT", help=f"default {DEFAULT_HTTP}"
     )
     parser.add_argument(
-        "--prefect-port", type=_port, metavar="PORT", help="of the Prefect server (default 4200, else any free one)"
+        "--prefect-port",
+        type=PORT,
+        metavar="PORT",
+        help="of the Prefect server (default 4200, else any free one)",
     )
     parser.add_argument(
-        "--period", type=_seconds, default=60.0, metavar="S", help="look for new recordings so often (default 60)"
+        "--period",
+        type=PERIOD,
+        default=60.0,
+        metavar="S",
+        help="look for new recordings so often (default 60)",
     )
     parser.add_argument("--store-only", action="store_true", help="serve the artifact store, run no flows")
     add_zenoh_arguments(parser)
@@ -92,17 +99,4 @@ def _address(text: str) -> tuple[str, int]:
     host, colon, port = text.rpartition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT")
-    return host.strip("[]") or "127.0.0.1", _port(port)
-
-
-def _port(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) < 65536):
-        raise argparse.ArgumentTypeError(f"a port is a number below 65536, not {text!r}")
-    return int(text)
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not (math.isfinite(seconds) and seconds >= 1):
-        raise argparse.ArgumentTypeError(f"a period is at least 1 s, not {text!r}")
-    return seconds
+    return host.strip("[]") or "127.0.0.1", PORT(port)

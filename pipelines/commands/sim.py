@@ -8,8 +8,8 @@ import threading
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from pipelines.commands.options import SEED, SPEED, real
 from pipelines.console import Console, silent_standard_error
-from pipelines.errors import CommandError
 from pipelines.network.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
@@ -22,10 +22,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `treewright sim`."""
     parser.add_argument("--cell", required=True, metavar="C", help="name of the cell")
     parser.add_argument("--scenario", default=SCENARIO, metavar="NAME", help=f"what stands on its table ({SCENARIO})")
-    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="its time in units of the wall's (1)")
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of the start and of the camera's noise")
-    parser.add_argument("--noise-mm", type=float, default=1.5, metavar="MM", help="camera noise of positions (1.5)")
-    parser.add_argument("--noise-deg", type=float, default=0.3, metavar="DEG", help="camera noise of turns (0.3)")
+    parser.add_argument("--speed", type=SPEED, default=1.0, metavar="X", help="its time in units of the wall's (1)")
+    parser.add_argument("--seed", type=SEED, metavar="N", help="seed of the start and of the camera's noise")
+    parser.add_argument(
+        "--noise-mm", type=real(least=0, most=1000), default=1.5, metavar="MM", help="camera noise of positions"
+    )
+    parser.add_argument(
+        "--noise-deg", type=real(least=0, most=180), default=0.3, metavar="DEG", help="camera noise of turns"
+    )
     add_zenoh_arguments(parser)
 
 
@@ -77,9 +81,3 @@ def _check(arguments: argparse.Namespace) -> None:
 
     check_name("cell", arguments.cell)
     scenario_named(arguments.scenario)
-    if not 0 < arguments.speed <= 100:
-        raise CommandError(f"a speed of {arguments.speed:g} is not between 0 and 100")
-    if arguments.noise_mm < 0 or arguments.noise_deg < 0:
-        raise CommandError("noise is not negative")
-    if arguments.seed is not None and arguments.seed < 0:
-        raise CommandError("a seed is a whole number from 0")

@@ -28,6 +28,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from pipelines.commands.options import INDEX
 from pipelines.console import Console
 from pipelines.home import Home
 
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     alias = _add(actions, "alias", "let an alias point to a version")
     alias.add_argument("tree", metavar="T", help="task")
     alias.add_argument("name", metavar="NAME", help="alias, such as production")
-    alias.add_argument("version", metavar="VERSION", type=_version, help="number of the version")
+    alias.add_argument("version", metavar="VERSION", type=INDEX, help="number of the version")
     _add(actions, "verify", "check that a version is whole and valid").add_argument(
         "tree", metavar="T[@V]", help=_TREE_HELP
     )
@@ -80,12 +81,6 @@ def _add(
     # Also after the action, where people write it; not given there, the option before the action stands.
     parser.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     return parser
-
-
-def _version(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise argparse.ArgumentTypeError(f"a version is a number, not {text!r}")
-    return int(text)
 
 
 def _list(store: ArtifactStore, _: argparse.Namespace, console: Console) -> None:

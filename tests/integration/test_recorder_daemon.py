@@ -13,7 +13,7 @@ from support_recorder import CELL, PREFIX, START, Cell, Refused, answers, ask, n
 from learner.model import Pose
 from recorder.daemon import Options, Recorder
 from recorder.errors import DiskError, SecondRecorderError
-from recorder.receiving import Patterns
+from recorder.intake.receiving import Patterns
 from recorder.recording import messages, read_header, read_recording, sha256_of
 
 POSES = {"tool0": Pose((0.5, 0.0, 0.3)), "A": Pose((0.5, 0.0, 0.02)), "B": Pose((0.4, 0.1, 0.02))}

@@ -24,7 +24,7 @@ from support_recorder import (
 )
 
 from recorder.daemon import Options, Recorder
-from recorder.receiving import NO_CHANNEL
+from recorder.intake.receiving import NO_CHANNEL
 from recorder.recording import messages, read_header
 
 KEY = f"{PREFIX}/force"
@@ -256,8 +256,8 @@ def test_keys_without_number_leave_room_for_the_essential_and_for_the_next_demon
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """More keys than a file has channels, in each of two demonstrations."""
-    monkeypatch.setattr("recorder.channels.MOST", 60)
-    monkeypatch.setattr("recorder.channels.KEPT", 10)
+    monkeypatch.setattr("recorder.intake.channels.MOST", 60)
+    monkeypatch.setattr("recorder.intake.channels.KEPT", 10)
     with recording_cell(tmp_path) as cell:
         for life in range(2):
             cell.ask("start", START)

@@ -100,8 +100,6 @@ def test_the_command_replays(file: Path, capsys: pytest.CaptureFixture[str]) -> 
     ready, loop = map(json.loads, capsys.readouterr().out.splitlines())
     assert ready == {"ready": True}
     assert loop == {"loop": 1, "messages": {ACTION: 1, POSES: 40, "/sound": 40}}
-    assert main(["replay", str(file), "--rate", "0"]) == 1
-    assert "--rate is a positive number" in capsys.readouterr().err
 
 
 def test_a_cell_that_is_no_name_and_a_file_that_is_not_there_are_refused_before_anything_is_said(

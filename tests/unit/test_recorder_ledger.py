@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recorder.feedback import gaps_near_actions
-from recorder.ledger import Ledger, Loss
+from recorder.intake.ledger import Ledger, Loss
 
 S, T = ("session", 1), ("session", 2)
 NS = 1_000_000_000

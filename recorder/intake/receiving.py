@@ -13,12 +13,12 @@ from typing import Final
 
 import zenoh
 
-from recorder.channels import KEPT, MOST, Channels
 from recorder.chunks import Batch
 from recorder.clocks import LogClock
 from recorder.errors import RecorderError
-from recorder.intake import Intake, PreRoll
-from recorder.ledger import Ledger, Loss, Source
+from recorder.intake.channels import KEPT, MOST, Channels
+from recorder.intake.ledger import Ledger, Loss, Source
+from recorder.intake.waiting import Intake, PreRoll
 from recorder.notices import Notices
 from recorder.wire import ACTION, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES, SIGNALS, listed
 

@@ -21,9 +21,9 @@ from typing import Final, Self
 
 import zenoh
 
-from recorder.latched import Latched
-from recorder.ledger import Source
-from recorder.receiving import Receiver
+from recorder.intake.latched import Latched
+from recorder.intake.ledger import Source
+from recorder.intake.receiving import Receiver
 from recorder.wire import ADVANCED
 
 PATIENCE_S: Final = 0.03

@@ -14,7 +14,7 @@ from typing import Final
 
 import zenoh
 
-from recorder.receiving import Receiver
+from recorder.intake.receiving import Receiver
 from recorder.wire import ADVANCED, ESSENTIAL
 
 SILENT_S: Final = 1.0
