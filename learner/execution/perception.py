@@ -8,23 +8,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
 from learner.errors import TreeError
 from learner.model.condition import Condition, GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.holding import Grasp, Sighting, Sizes, grasped, rotated
 from learner.model.names import NONE
-from learner.model.pose import Pose, Quaternion, Vector
+from learner.model.pose import Pose, Vector
 from learner.model.tree import Node
 
-NEAR_M: Final = 0.05
-"""What the gripper closed on is the object nearest to the end-effector within this distance [m] (CONTRACT, 3)."""
-SLIP_M: Final = 0.03
-"""An object seen further than this from where the gripper carries it has not moved with it [m]: beyond the few
-millimetres of a camera's noise and the slip of a grasp, below the size of what is grasped."""
-SLIP_NS: Final = 200_000_000
-"""... if it stays there this long [ns]: one jump of a marker does not open a gripper."""
 UNSEEN_NS: Final = 10_000_000_000
 """A condition on an object unseen for this long fails [ns] (CONTRACT, 3)."""
 MEMORY_NS: Final = 2_000_000_000
@@ -57,15 +51,10 @@ class Seen:
     stamp_ns: int
     pose: Pose
 
-
-@dataclass
-class Grasp:
-    """What the gripper closed on: the object's origin in the end-effector then, and whether it is seen elsewhere."""
-
-    object: str
-    origin: Vector
-    away_since_ns: int | None = None
-    lost: bool = False
+    @property
+    def sighting(self) -> Sighting:
+        """Without the stamp."""
+        return _sighting(self.pose)
 
 
 NOTHING_SEEN: Final[deque[Seen]] = deque()
@@ -75,13 +64,13 @@ class CellState:
     """The last seen state of a cell, and which conditions hold in it.
 
     What is held follows from the gripper's samples and the poses alone: when the gripper turns from open to closed,
-    the nearest object within 5 cm is grasped, and held until the gripper opens, but not while it is seen elsewhere than
-    the gripper carries it. One that the hand hides is still held. Where the first sample already says closed, the
-    poses at the first question decide.
+    the object with the nearest body within 5 cm is grasped (`learner.model.holding`; `sizes` are the scene's), and held
+    until the gripper opens, but not while it is seen elsewhere than the gripper carries it. One that the hand hides is
+    still held. Where the first sample already says closed, the poses at the first question decide.
     """
 
-    def __init__(self, base_frame: str, end_effector_frame: str) -> None:
-        self.base_frame, self.end_effector_frame = base_frame, end_effector_frame
+    def __init__(self, base_frame: str, end_effector_frame: str, sizes: Sizes | None = None) -> None:
+        self.base_frame, self.end_effector_frame, self.sizes = base_frame, end_effector_frame, sizes or {}
         self.now_ns = 0
         """The newest stamp of any pose [ns]; 0 before the first."""
         self.gripper: GripperState | None = None
@@ -186,7 +175,7 @@ class CellState:
         if frame == self.base_frame:
             return position
         pose = self._seen[frame].pose
-        x, y, z = _rotated(pose.quaternion_xyzw, position)
+        x, y, z = rotated(pose.quaternion_xyzw, position)
         return (x + pose.position[0], y + pose.position[1], z + pose.position[2])
 
     @property
@@ -214,32 +203,23 @@ class CellState:
         The nearer one counts: before it the hand may still have been on its way, after it on its way again.
         """
         objects = [name for name in sorted(self._seen) if name != self.end_effector_frame and not self.unseen(name)]
-        grasps = [
-            Grasp(name, _inside(hand.pose, _at(self._tracks[name], hand.stamp_ns).position))
-            for name in objects
-            for hand in _around(self._hand, stamp_ns)
-        ]
-        nearest = min(grasps, key=_reach_m, default=None)
-        return nearest if nearest is not None and _reach_m(nearest) <= NEAR_M else None
+        grasps = (self._grasped(hand, objects) for hand in _around(self._hand, stamp_ns))
+        return min((grasp for grasp in grasps if grasp), key=lambda grasp: grasp.nearness, default=None)
+
+    def _grasped(self, hand: Seen, objects: Iterable[str]) -> Grasp | None:
+        seen = {name: _sighting(_at(self._tracks[name], hand.stamp_ns)) for name in objects}
+        return grasped(hand.sighting, seen, self.sizes)
 
     def _follow(self) -> None:
         """Judge what was seen of the grasped object, as soon as the hand was seen at that moment or later."""
         while self._grasp and self._unjudged and not self._hand_is_awaited(self._unjudged[0].stamp_ns):
-            self._judge(self._grasp, self._unjudged.popleft())
-
-    def _judge(self, grasp: Grasp, seen: Seen) -> None:
-        hand = _at(self._hand, seen.stamp_ns)
-        away = math.dist(_inside(hand, seen.pose.position), grasp.origin) > SLIP_M
-        if not away:
-            grasp.away_since_ns, grasp.lost = None, False
-        elif grasp.away_since_ns is None:
-            grasp.away_since_ns = seen.stamp_ns
-        else:
-            grasp.lost = seen.stamp_ns - grasp.away_since_ns >= SLIP_NS
+            seen = self._unjudged.popleft()
+            hand = _sighting(_at(self._hand, seen.stamp_ns))
+            self._grasp.follow(seen.stamp_ns, hand, seen.pose.position)
 
 
-def _reach_m(grasp: Grasp) -> float:
-    return math.hypot(*grasp.origin)
+def _sighting(pose: Pose) -> Sighting:
+    return pose.position, pose.quaternion_xyzw
 
 
 def _around(track: deque[Seen], stamp_ns: int) -> list[Seen]:
@@ -273,18 +253,3 @@ def _between(before: Seen, after: Seen, stamp_ns: int) -> Pose:
     position = [p + share * (q - p) for p, q in zip(a.position, b.position, strict=True)]
     turn = [p + share * (same * q - p) for p, q in zip(a.quaternion_xyzw, b.quaternion_xyzw, strict=True)]
     return Pose.of(position, turn)
-
-
-def _inside(frame: Pose, point: Vector) -> Vector:
-    """A point of the base in the coordinates of `frame`."""
-    x, y, z, w = frame.quaternion_xyzw
-    a, b, c = frame.position
-    return _rotated((-x, -y, -z, w), (point[0] - a, point[1] - b, point[2] - c))
-
-
-def _rotated(quaternion_xyzw: Quaternion, point: Vector) -> Vector:
-    """As learner.model.pose.rotate, for one point: without arrays, because every tick does it for every condition."""
-    x, y, z, w = quaternion_xyzw
-    px, py, pz = point
-    cx, cy, cz = 2 * (y * pz - z * py), 2 * (z * px - x * pz), 2 * (x * py - y * px)
-    return (px + w * cx + y * cz - z * cy, py + w * cy + z * cx - x * cz, pz + w * cz + x * cy - y * cx)

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from learner.errors import TreeError
-from learner.execution.perception import NEAR_M, UNSEEN_NS, CellState, condition_of
+from learner.execution.perception import UNSEEN_NS, CellState, condition_of
 from learner.model.condition import GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.holding import NEAR_M
 from learner.model.pose import Pose, Vector
 from learner.model.tree import Node, leaf
 
@@ -51,6 +52,16 @@ def test_the_nearest_object_is_in_the_gripper_when_it_closes() -> None:
     assert not state.holds(InGripper("B"))
     assert not state.holds(InGripper("none"))
     assert state.holds(GripperIs("closed"))
+
+
+def test_a_box_gripped_far_from_its_origin_is_held_by_its_body_where_the_scene_gives_its_size() -> None:
+    for sizes, held in (({"box": (0.30, 0.20, 0.10)}, "box"), ({}, None)):
+        story = Story()
+        story.state = CellState("base", "tool", sizes)
+        story.gripper("open").see("box", 0.30).see("tool", 0.41).gripper("closed")
+        for step in range(60):
+            story.see("tool", 0.41 + 0.01 * step).see("box", 0.30 + 0.01 * step)
+        assert story.state.held == held
 
 
 def test_a_gripper_that_closes_beside_everything_holds_nothing() -> None:
