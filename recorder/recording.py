@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 import zlib
 from collections import defaultdict
@@ -42,8 +41,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from learner.model import ActionPress, GripperSample, ObjectShape, Recording, Scene, Track
-from learner.model.demonstration import Symmetry
+from learner.model import ActionPress, GripperSample, Recording, Scene, Track
 from recorder import records, wire
 from recorder.chunks import COMPRESSION_LEVEL, Batch, PackedChunk, pack_chunk
 from recorder.clocks import Arrived, Straight, straighten
@@ -180,35 +178,9 @@ def _sentences(text: str | None) -> tuple[str, ...]:
 def parse_scene(text: str) -> Scene:
     """The scene of the contract, section 2. Raises ValueError with what is wrong with it."""
     try:
-        data = json.loads(text)
-        shapes = {str(name): _shape(name, shape) for name, shape in data.get("objects", {}).items()}
-        workspace = data.get("workspace_m")
-        return Scene(shapes, None if workspace is None else _workspace(workspace))
-    except (ValueError, TypeError, AttributeError, KeyError, RecursionError) as error:
+        return Scene.of_data(json.loads(text))
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"the scene is not as the contract's section 2 has it: {error}") from error
-
-
-def _shape(name: str, shape: Mapping[str, Any]) -> ObjectShape:
-    size = tuple(_finite(number) for number in shape["size_m"])
-    symmetry = shape.get("symmetry", "none")
-    if len(size) != 3 or min(size) <= 0:
-        raise ValueError(f"the size of {name} is not three positive lengths")
-    if symmetry not in ("none", "cube", "box", "vertical"):
-        raise ValueError(f"the symmetry of {name} is {symmetry!r}")
-    return ObjectShape(size, cast(Symmetry, symmetry))
-
-
-def _workspace(pairs: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    (x0, x1), (y0, y1) = [[_finite(number) for number in pair] for pair in pairs]
-    if x0 >= x1 or y0 >= y1:
-        raise ValueError("the workspace is empty")
-    return ((x0, x1), (y0, y1))
-
-
-def _finite(number: Any) -> float:
-    if isinstance(number, bool) or not math.isfinite(value := float(number)):
-        raise ValueError(f"{number!r} is not a finite number")
-    return value
 
 
 def file_descriptor_set(message: type[FrameTransforms]) -> bytes:

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
-from learner.model import DemonstratedAction, Demonstration, ObjectShape, Pose, Scene
+from learner.model import DemonstratedAction, Demonstration, Pose, Scene
 from learner.model.pose import conjugate, express, multiply
 
 Row = dict[str, Any]
@@ -102,7 +102,7 @@ def _demonstration_row(demonstration: Demonstration, files: Sequence[str], inges
         "initial": _named_poses(demonstration.initial),
         "final": _named_poses(demonstration.final),
         "messages_lost": None if demonstration.messages_lost is None else _json(dict(demonstration.messages_lost)),
-        "scene": None if demonstration.scene is None else _json(_scene_data(demonstration.scene)),
+        "scene": None if demonstration.scene is None else _json(demonstration.scene.to_data()),
         "files": list(files),
         "ingested_ns": ingested_ns,
     }
@@ -119,7 +119,7 @@ def _read_demonstration(row: Row, actions: Mapping[tuple[str, str], list[Demonst
         **row,
         actions=tuple(actions.get((row["demonstration_id"], row["sha256"]), ())),
         messages_lost=None if lost is None else json.loads(lost),
-        scene=None if scene is None else _read_scene(json.loads(scene)),
+        scene=None if scene is None else Scene.of_data(json.loads(scene)),
     )
 
 
@@ -226,18 +226,6 @@ def _named_poses(poses: Mapping[str, Pose]) -> list[Row]:
 
 def _read_named_poses(data: Iterable[Row]) -> dict[str, Pose]:
     return {entry["object"]: _read_pose(entry["pose"]) for entry in data}
-
-
-def _scene_data(scene: Scene) -> Row:
-    """The JSON of CONTRACT, section 2."""
-    objects = {name: {"size_m": shape.size_m, "symmetry": shape.symmetry} for name, shape in scene.objects.items()}
-    return {"objects": objects, "workspace_m": scene.workspace_m}
-
-
-def _read_scene(data: Row) -> Scene:
-    objects = {name: ObjectShape(tuple(shape["size_m"]), shape["symmetry"]) for name, shape in data["objects"].items()}
-    workspace = data["workspace_m"]
-    return Scene(objects, None if workspace is None else (tuple(workspace[0]), tuple(workspace[1])))
 
 
 def _json(data: Any) -> str:

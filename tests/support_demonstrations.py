@@ -61,6 +61,7 @@ def demonstration(demonstration_id: str = "d1", task: str = "kitting", content: 
 
 NAMES = st.sampled_from(["A", "B", "marker_61", "cube-1.b", "base"])
 NUMBERS = st.floats(-5, 5)
+LENGTHS = st.floats(0.001, 5)
 POSES = st.builds(
     lambda position, quaternion: Pose.of(
         position, quaternion if any(abs(q) > 0.1 for q in quaternion) else (0, 0, 0, 1)
@@ -104,7 +105,7 @@ DEMONSTRATIONS = st.builds(
     scene=st.none()
     | st.builds(
         Scene,
-        st.dictionaries(NAMES, st.builds(ObjectShape, st.tuples(NUMBERS, NUMBERS, NUMBERS)), max_size=2),
+        st.dictionaries(NAMES, st.builds(ObjectShape, st.tuples(LENGTHS, LENGTHS, LENGTHS)), max_size=2),
         st.none() | st.just(((0.0, 1.0), (-0.5, 0.5))),
     ),
     warnings=SENTENCES,

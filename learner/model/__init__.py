@@ -2,10 +2,11 @@
 
 from learner.model.action import Action, Drop, Pick, Place, SetGripper
 from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt, compatible
-from learner.model.demonstration import DemonstratedAction, Demonstration, ObjectShape, Scene
+from learner.model.demonstration import DemonstratedAction, Demonstration
 from learner.model.names import check_alias, check_name
 from learner.model.pose import Pose
 from learner.model.recording import ActionPress, GripperSample, Recording, Track
+from learner.model.scene import ObjectShape, Scene
 from learner.model.tree import Definition, Node, Tree
 
 __all__ = [

@@ -7,27 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from learner.model.pose import Pose, Vector
+from learner.model.pose import Pose
+from learner.model.scene import Scene
 
 ActionType = Literal["pick", "place", "drop"]
-Symmetry = Literal["none", "cube", "box", "vertical"]
 Outcome = Literal["success", "failure", "unknown"]
-
-
-@dataclass(frozen=True)
-class ObjectShape:
-    """Size [m] along the object's own axes, and which turns of it look the same (CONTRACT, section 2)."""
-
-    size_m: Vector
-    symmetry: Symmetry = "none"
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What is known of the shapes on the table and of the robot's reach in the base frame [m]."""
-
-    objects: Mapping[str, ObjectShape]
-    workspace_m: tuple[tuple[float, float], tuple[float, float]] | None = None
 
 
 @dataclass(frozen=True)

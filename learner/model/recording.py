@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learner.model.condition import GripperState
-from learner.model.demonstration import Scene
+from learner.model.scene import Scene
 
 
 @dataclass(frozen=True)

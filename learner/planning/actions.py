@@ -12,9 +12,9 @@ import numpy as np
 from learner.inference.moves import Moves
 from learner.inference.targets import Target
 from learner.model import Demonstration, Drop, ObjectShape, Pick, Place, Pose, Scene
-from learner.model.demonstration import Symmetry
 from learner.model.pose import Array
 from learner.model.poses import Poses
+from learner.model.scene import Symmetry
 from learner.planning.grasps import Upright
 from learner.planning.parameters import PlanningParameters
 from learner.planning.rounding import rounded, rounded_pose, rounded_vector

@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from learner.model import Pose
-from learner.model.demonstration import Symmetry
 from learner.model.pose import Array, angle_between, conjugate, mean_quaternion, multiply, rotate
 from learner.model.poses import Poses
+from learner.model.scene import Symmetry
 from learner.planning.parameters import MeanParameters
 
 AT_ONCE = 1_000_000

@@ -101,7 +101,9 @@ def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> Outcom
 
     start, rng = stage.starts[number], np.random.default_rng([2, number])
     rollout = Rollout(start.demonstration_id, start.spots, "replay")
-    with PhysicalWorld(stage.bodies, start.spots, rng, base_frame=stage.base) as world:
+    with PhysicalWorld(
+        stage.bodies, start.spots, rng, base_frame=stage.base, sizes=stage.sizes, end_effector=stage.end_effector
+    ) as world:
         ticker = Actor(stage.root(tree.flattened())).enter(world)
         verdict = judged(rollout, world, ticker, goals, rng, STEPS_PER_ACTION)
         return Outcome(rollout, verdict, world)

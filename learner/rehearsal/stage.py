@@ -123,10 +123,23 @@ class Stage:
 
     def world(self, spots: Spots, rng: np.random.Generator, noise: Noise | None = None) -> KinematicWorld:
         """A kinematic world in which everything stands at `spots`."""
-        world = KinematicWorld(self.bodies, spots, rng, noise or Noise(), self.base, workspace_m=self.workspace_m)
+        world = KinematicWorld(
+            self.bodies, spots, rng, noise or Noise(), self.base, workspace_m=self.workspace_m,
+            sizes=self.sizes, end_effector=self.end_effector,
+        )  # fmt: skip
         if self.points:
             world.table = Points(self.bodies, spots, rng)
         return world
+
+    @property
+    def sizes(self) -> dict[str, Vector]:
+        """By which the robot knows what it holds: the upright bodies' [m], none where objects are points."""
+        return {} if self.points else {name: shape.size_m for name, shape in self.shapes.items()}
+
+    @property
+    def end_effector(self) -> Vector:
+        """The demonstrations' end-effector frame in the simulated hand's [m]."""
+        return self.tip.inverse().position
 
     @property
     def workspace_m(self) -> tuple[tuple[float, float], tuple[float, float]]:

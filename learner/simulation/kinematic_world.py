@@ -24,6 +24,7 @@ from learner.errors import LearnerError
 from learner.execution.ticking import Status
 from learner.model import Node, Pose
 from learner.model.condition import GripperState
+from learner.model.holding import Grasp, Sighting, Sizes, grasped, rotated
 from learner.model.names import NONE
 from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector
 from learner.model.tree import Value
@@ -31,6 +32,7 @@ from learner.simulation.gravity import GIVE_M, Body, Spot, Table
 
 PERIOD_S: Final = 0.1
 """One step of the world, and one tick [s]."""
+PERIOD_NS: Final = round(PERIOD_S * 1e9)
 GRASP_M: Final = 0.01
 """A grasp holds if the fingers close at most this far from the object's axis [m] ..."""
 GRASP_HEIGHT_M: Final = 0.02
@@ -39,13 +41,11 @@ TIP_M: Final = 0.005
 """The fingers' least hold on a body's sides [m]."""
 GRASP_RAD: Final = math.radians(15)
 """... and turned by at most this much from one of its faces, and from the vertical [rad]."""
-NEAR_M: Final = 0.05
-"""What the gripper closed on is the object nearest to the end-effector within this distance [m] (CONTRACT, 3)."""
-SLIPPED_M: Final = 0.03
-"""What is seen this far from where the gripper carried it did not move with it [m]."""
 HOVER_M: Final = 0.12
 """Height of the poses before and after an action above its target [m]."""
 TRAVEL_STEPS: Final = 3
+LIFT_STEPS: Final = 3
+"""A lift takes so long [steps] that what does not follow is seen to stay behind before the pick ends."""
 FINGER_M: Final = 0.01
 """Half the thickness of the hand above the fingers, for contacts [m]."""
 PALM_M: Final = 0.045
@@ -57,7 +57,6 @@ REACH_M: Final = 0.1
 
 Motion = Generator[None, None, str | None]
 """One step of the arm at each `next`; returns the reason of a failure, or None for success."""
-Seen = tuple[Vector, Quaternion]
 
 
 @dataclass(frozen=True)
@@ -130,6 +129,8 @@ class KinematicWorld:
     markers: Mapping[str, Quaternion] = field(default_factory=dict)
     habits: Habits = field(default_factory=Habits)
     workspace_m: tuple[tuple[float, float], tuple[float, float]] = WORKSPACE_M
+    sizes: Sizes | None = None
+    end_effector: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         self.table = Table(self.bodies, self.spots, self.rng)
@@ -142,9 +143,12 @@ class KinematicWorld:
         self.steps = 0
         self._grip: Spot | None = None
         self._load: frozenset[str] = frozenset()
-        self._believed: tuple[str, Spot] | None = None
+        self._grasp: Grasp | None = None
+        self._sizes = (
+            {name: body.shape.size_m for name, body in self.bodies.items()} if self.sizes is None else self.sizes
+        )
         self._under_way: _UnderWay | None = None
-        self._seen: dict[str, Seen] = {}
+        self._seen: dict[str, Sighting] = {}
         self._known_ports: dict[int, tuple[Node, Mapping[str, Value]]] = {}
         self._draws: Iterator[list[float]] = iter(())
 
@@ -189,7 +193,13 @@ class KinematicWorld:
     @property
     def believed(self) -> str:
         """What the robot believes to hold: CONTRACT, section 3, InGripper."""
-        return self._believed[0] if self._believed else NONE
+        return self._grasp.object if self._grasp and not self._grasp.lost else NONE
+
+    @property
+    def _end_effector(self) -> Sighting:
+        """Where the end-effector is; the robot knows it without looking."""
+        (x, y, z), (a, b, c) = self.hand, rotated(self.hand_xyzw, self.end_effector)
+        return (x + a, y + b, z + c), self.hand_xyzw
 
     def _is_at(self, kind: str, ports: Mapping[str, Value]) -> bool:
         name = str(ports["object"])
@@ -203,7 +213,7 @@ class KinematicWorld:
 
     def _in_base(self, frame: str, position: Vector) -> Vector:
         origin, quaternion = self.see(frame)
-        turned = _rotate(quaternion, position)
+        turned = rotated(quaternion, position)
         return (origin[0] + turned[0], origin[1] + turned[1], origin[2] + turned[2])
 
     def tick_action(self, node: Node) -> Status:
@@ -249,7 +259,7 @@ class KinematicWorld:
 
     # -- camera --------------------------------------------------------------------------------------------------
 
-    def see(self, name: str) -> Seen:
+    def see(self, name: str) -> Sighting:
         """The pose that the camera gives for a frame, the same for everyone until the next step."""
         if name == self.base_frame:
             return (0.0, 0.0, 0.0), IDENTITY_XYZW
@@ -259,7 +269,7 @@ class KinematicWorld:
             self._seen[name] = self._look(name)
         return self._seen[name]
 
-    def _look(self, name: str) -> Seen:
+    def _look(self, name: str) -> Sighting:
         spot, (dx, dy, dz, angle, *axis) = self.table.spots[name], self._draw()
         quaternion: Quaternion = (0.0, 0.0, math.sin(spot.yaw / 2), math.cos(spot.yaw / 2))
         if name in self.markers:
@@ -306,7 +316,7 @@ class KinematicWorld:
 
     def open(self) -> None:
         """Open the fingers: what was held falls."""
-        self.gripper, self._believed, self._load = "open", None, frozenset()
+        self.gripper, self._grasp, self._load = "open", None, frozenset()
         if self.held:
             name, self.held = self.held, None
             self.table.drop(name, self.table.spots[name])
@@ -326,24 +336,15 @@ class KinematicWorld:
 
     def _tilt(self) -> float:
         """Angle [rad] between the approach (z of the end-effector) and straight down."""
-        return math.acos(max(-1.0, min(1.0, -_rotate(self.hand_xyzw, (0.0, 0.0, 1.0))[2])))
+        return math.acos(max(-1.0, min(1.0, -rotated(self.hand_xyzw, (0.0, 0.0, 1.0))[2])))
 
     def _believe(self) -> None:
-        """The object nearest to the end-effector, within 5 cm, when the gripper closed."""
-        distances = {name: math.dist(self.see(name)[0], self.hand) for name in self.table.spots}
-        nearest = min(distances, key=lambda name: (distances[name], name), default=None)
-        if nearest is None or distances[nearest] > NEAR_M:
-            self._believed = None
-            return
-        self._believed = nearest, self.hand_spot.relative(Spot(*self.see(nearest)[0], 0.0))
+        self._grasp = grasped(self._end_effector, {name: self.see(name) for name in self.table.spots}, self._sizes)
 
     def _notice_slip(self) -> None:
-        if self._believed is None:
-            return
-        name, grip = self._believed
-        carried = self.hand_spot.compose(grip)
-        if math.dist((carried.x, carried.y, carried.z), self.see(name)[0]) > SLIPPED_M:
-            self._believed = None
+        if self._grasp is not None:
+            position, _ = self.see(self._grasp.object)
+            self._grasp.follow(self.steps * PERIOD_NS, self._end_effector, position)
 
     def take_away(self, spot: Spot) -> None:
         """A human pulls the held object out of the fingers, which stay closed, and puts it down at `spot`."""
@@ -403,16 +404,16 @@ class KinematicWorld:
             self.faults.wrong_picks += 1
         yield
         self._lift()
-        yield
-        self._notice_slip()
-        return None if self.believed == name else f"{name} is not held"
+        for _ in range(LIFT_STEPS):
+            yield
+        return None if self.held == name else f"{name} is not held"
 
     def _release(self, node: Node) -> Motion:
         name = str(node.port("object"))
         fault = yield from self._approach(node)
         if fault:
             return fault
-        if self.believed != name:
+        if self.held != name:
             if self.habits.opens_on_loss:
                 self.open()
             return f"{name} is not held"
@@ -499,17 +500,6 @@ def _multiply(a: Quaternion, b: Quaternion) -> Quaternion:
         aw * by - ax * bz + ay * bw + az * bx,
         aw * bz + ax * by - ay * bx + az * bw,
         aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def _rotate(quaternion: Quaternion, point: Vector) -> Vector:
-    x, y, z, w = quaternion
-    px, py, pz = point
-    cx, cy, cz = 2 * (y * pz - z * py), 2 * (z * px - x * pz), 2 * (x * py - y * px)
-    return (
-        px + w * cx + y * cz - z * cy,
-        py + w * cy + z * cx - x * cz,
-        pz + w * cz + x * cy - y * cx,
     )
 
 

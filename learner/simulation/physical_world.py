@@ -28,6 +28,7 @@ from learner.execution.perception import CellState, condition_of
 from learner.execution.ticking import Status
 from learner.model import Condition, Node, Pose
 from learner.model.condition import GripperState
+from learner.model.holding import Sizes
 from learner.model.names import NONE
 from learner.model.pose import Vector
 from learner.simulation import scenarios
@@ -63,7 +64,8 @@ class PhysicalWorld:
 
     bodies, spots: what there is and where it stands, within `reaches`. `noise` is that of each single look of the
     camera, which is all that conditions and skills get. What is graspable is a cube to the fingers. `table` is a
-    picture of where everything stands now, taken as upright; what is laid there moves nothing.
+    picture of where everything stands now, taken as upright; what is laid there moves nothing. `sizes` and
+    `end_effector` are as in the kinematic world.
     """
 
     def __init__(
@@ -74,6 +76,8 @@ class PhysicalWorld:
         noise: Noise | None = None,
         base_frame: str = scenarios.BASE,
         habits: Habits | None = None,
+        sizes: Sizes | None = None,
+        end_effector: Vector = (0.0, 0.0, 0.0),
     ) -> None:
         self.bodies, self.base_frame, self.habits = dict(bodies), base_frame, habits or Habits()
         self.deeds: list[Deed] = []
@@ -83,7 +87,9 @@ class PhysicalWorld:
         scenario = scenarios.Scenario({name: _as_simulated(body) for name, body in bodies.items()}, (), ())
         start = {name: spot.pose() for name, spot in spots.items()}
         self._world = World(scenario, rng, _as_simulated_noise(noise or Noise()), start, glides=True, looks=1)
-        self._cell = CellState(base_frame, scenarios.TOOL)
+        own_sizes = {name: body.shape.size_m for name, body in bodies.items()}
+        self._cell = CellState(base_frame, scenarios.TOOL, own_sizes if sizes is None else sizes)
+        self._end_effector = Pose(end_effector)
         self._under_way: _UnderWay | None = None
         self._conditions: dict[int, tuple[Node, Condition]] = {}
         self._hand_is_clear = True
@@ -226,7 +232,7 @@ class PhysicalWorld:
         self.table = Table(self.bodies, {name: Spot.of(pose) for name, pose in shown.items()}, self._rng)
         for name, pose in self._world.camera.observe(shown).items():
             self._cell.update_pose(name, now_ns, pose)
-        self._cell.update_pose(scenarios.TOOL, now_ns, self._world.arm.tool_pose)
+        self._cell.update_pose(scenarios.TOOL, now_ns, self._world.arm.tool_pose @ self._end_effector)
         self._cell.update_gripper(now_ns, self._world.gripper_state)
 
     # -- a human's hands -----------------------------------------------------------------------------------------

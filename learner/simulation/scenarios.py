@@ -15,8 +15,8 @@ import numpy as np
 
 from learner.errors import LearnerError
 from learner.model import ObjectShape, Pose, Scene
-from learner.model.demonstration import Symmetry
 from learner.model.pose import Vector
+from learner.model.scene import Symmetry
 
 BASE: Final = "base"
 TOOL: Final = "tool0"

@@ -92,7 +92,7 @@ def _on_cell(
     from learner.execution.perception import CellState
     from pipelines.controller.cell_link import CellLink
 
-    with CellLink(session, cell, CellState(job.base_frame, job.end_effector_frame)) as link:
+    with CellLink(session, cell, CellState(job.base_frame, job.end_effector_frame, job.sizes)) as link:
         job.await_cell(link, stop)
         if arguments.dry_run:
             return _say_what_would_be_done(console, job, link)

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from learner.execution.perception import CellState, condition_of
 from learner.execution.ticking import Status, Ticker
+from learner.model.holding import Sizes
 from learner.model.names import check_name
+from learner.model.scene import Scene
 from learner.model.tree import ACTIONS, CONDITIONS, Node, Tree
 from pipelines.controller.cell_link import CellLink
 from pipelines.controller.controller import described
@@ -44,10 +46,14 @@ class Job:
     root: Node
     base_frame: str
     end_effector_frame: str
+    sizes: Sizes
+    """Of the objects, where the scene was known: by them the cell knows what it holds."""
 
     @staticmethod
     def of(task: str, tree: Tree, manifest: Mapping[str, Any]) -> Job:
-        """Raises DamagedError if the tree is not the manifest's, CommandError if the manifest leaves out a frame."""
+        """Raises DamagedError if the tree is not the manifest's or its scene is none, CommandError if the manifest
+        leaves out a frame.
+        """
         name = f"{task}@{manifest.get('version')}"
         if tree.digest != manifest.get("digest"):
             raise DamagedError(f"the tree of {name} does not have the digest that its manifest states")
@@ -56,7 +62,9 @@ class Job:
         if unset:
             raise CommandError(f"the manifest of {name} does not state its {' and '.join(unset)}; learn it again")
         base, end_effector = (check_name("frame", value) for value in frames.values())
-        return Job(task, name, tree.digest, tree, tree.flattened(), base, end_effector)
+        return Job(
+            task, name, tree.digest, tree, tree.flattened(), base, end_effector, _sizes(name, manifest.get("scene"))
+        )
 
     @property
     def nodes(self) -> int:
@@ -113,6 +121,14 @@ class Job:
             f"cell {link.cell!r} lacks {', '.join(lacking)} of {self.name} (within {limit_s:g} s); "
             f"seen are {seen or 'no poses'}{complaints}"
         )
+
+
+def _sizes(name: str, scene: Any) -> Sizes:
+    """Of a manifest's scene; none where it tells none, as those of earlier versions do."""
+    try:
+        return {} if scene is None else Scene.of_data(scene).sizes
+    except ValueError as error:
+        raise DamagedError(f"in the manifest of {name} {error}") from error
 
 
 def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Event) -> Job:

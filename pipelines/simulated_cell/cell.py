@@ -266,14 +266,13 @@ class Cell:
 
     def _scene(self, fields: Fields) -> Fields:
         scene = self.world.scenario.scene
-        shapes = {name: {"size_m": shape.size_m, "symmetry": shape.symmetry} for name, shape in scene.objects.items()}
         return {
             "cell": self.name,
             "scenario": self.world.scenario_name,
             "objects": self.world.objects,
             "base_frame": BASE,
             "end_effector_frame": TOOL,
-            "scene": {"objects": shapes, "workspace_m": scene.workspace_m},
+            "scene": scene.to_data(),
         }
 
     def _reset(self, fields: Fields) -> Fields:

@@ -16,6 +16,7 @@ from learner.learning import DEFAULT_METHOD, learn
 from learner.model import Demonstration, check_name
 from learner.observation import warnings_of
 from learner.parameters import Parameters
+from learner.planning.actions import scene_of
 from pipelines.console import silent_standard_error
 from pipelines.errors import CommandError
 from storage.artifacts import LATEST, ArtifactStore
@@ -119,7 +120,7 @@ def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str)
 
 def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]:
     """What the manifest says beside what follows from the tree: whence it comes, and what is not known."""
-    first = choice.demonstrations[0]
+    first, scene = choice.demonstrations[0], scene_of(choice.demonstrations)
     return {
         "base_frame": first.base_frame,
         "end_effector_frame": first.end_effector_frame,
@@ -139,6 +140,7 @@ def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]
             "nodes_written": learned.tree.nodes_written,
         },
         "scene_known": _scene_known(choice),
+        "scene": None if scene is None else scene.to_data(),
         "certificate": learned.certificate,
         "report": learned.report,
         "notes": list(notes_of(choice, learned)),

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from support_demonstrations import GRASP, POSES, at, turned
 
 from learner.model import Pose
-from learner.model.demonstration import Symmetry
 from learner.model.pose import angle_between
 from learner.model.poses import Poses
+from learner.model.scene import Symmetry
 from learner.planning.parameters import MeanParameters
 from learner.planning.rounding import rounded, rounded_pose
 from learner.planning.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis

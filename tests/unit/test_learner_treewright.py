@@ -16,8 +16,8 @@ from learner.inference.understanding import understand
 from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, Node, ObjectShape, Pose, Scene
-from learner.model.demonstration import Symmetry
 from learner.model.pose import angle_between
+from learner.model.scene import Symmetry
 from learner.planning.parameters import PlanningParameters
 
 NAMES = ["A", "B", "box"]

@@ -18,7 +18,7 @@ from learner.model import Demonstration, ObjectShape, Pose, Scene
 from learner.model.pose import multiply
 from learner.parameters import Parameters
 from learner.rehearsal.stage import Stage
-from learner.simulation.kinematic_world import NOISELESS
+from learner.simulation.kinematic_world import NOISELESS, KinematicWorld
 
 CUBE = ObjectShape((0.05, 0.05, 0.05), "cube")
 SCENE = Scene({"A": CUBE, "B": CUBE, "box": ObjectShape((0.3, 0.3, 0.08), "box")})
@@ -112,29 +112,44 @@ def test_an_object_that_lies_on_another_face_than_usual_is_no_start() -> None:
     assert stage.left_out == {"d1": "B lies on another face than in the others"}
 
 
-@pytest.mark.parametrize("marker", [(1.0, 0.0, 0.0, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))])
-def test_a_tree_of_a_cell_with_other_frames_runs_on_the_stage(marker: tuple[float, float, float, float]) -> None:
-    """A table 20 cm up and a metre away, markers on other faces, and a flange for an end-effector."""
+def shown_elsewhere(turn: np.ndarray, flange_m: float) -> list[Demonstration]:
+    """A table 20 cm up and a metre away, markers on other faces, a flange above the fingertips for an end-effector."""
     scenario = SCENARIOS["tower_and_box"]
-    base, turn = Pose((1.5, 2.0, 0.2)), np.array(marker)
-    flange = Pose.of((0.0, 0.0, -0.1), multiply(np.array([0.0, 0.0, math.sin(0.3), math.cos(0.3)]), turn))
+    flange = Pose.of((0.0, 0.0, -flange_m), multiply(np.array([0.0, 0.0, math.sin(0.3), math.cos(0.3)]), turn))
     markers = {name: Pose.of((0.0, 0.0, 0.0), turn) for name in scenario.objects}
-    plain = demonstrated(scenario, 3, 7)
-    others = [elsewhere(demonstration, base, flange, markers) for demonstration in plain]
-    others = [replace(d, scene=_turned(d.scene, turn)) for d in others]
-    stage = Stage(sorted(others, key=lambda d: d.demonstration_id))
-    assert stage.left_out == {}
-    assert stage.bodies["box"].kind == "open_box"
-    assert stage.bodies["box"].shape.size_m == pytest.approx((0.3, 0.3, 0.08))
-    tree = METHODS["treewright"](others, Parameters()).tree
+    others = [elsewhere(shown, Pose((1.5, 2.0, 0.2)), flange, markers) for shown in demonstrated(scenario, 3, 7)]
+    return sorted((replace(d, scene=_turned(d.scene, turn)) for d in others), key=lambda d: d.demonstration_id)
+
+
+def run_on(stage: Stage, demonstrations: list[Demonstration]) -> KinematicWorld:
+    """The world after the tree of the demonstrations has run in it for 200 steps at most."""
+    tree = METHODS["treewright"](demonstrations, Parameters()).tree
     world = stage.world(stage.starts[0].spots, np.random.default_rng(1))
     ticker = Ticker(stage.root(tree.flattened()), world)
     for _ in range(200):
         if ticker.tick() is Status.SUCCESS:
             break
         world.step()
-    shifted = {name: replace(spot, z=spot.z) for name, spot in world.table.spots.items()}
-    assert scenario.reached(shifted, world.held)
+    return world
+
+
+def test_an_end_effector_too_far_from_what_it_grasps_is_found_out_on_the_stage() -> None:
+    """No cell believes by CONTRACT, section 3, that such a hand holds anything: 7.5 cm from a cube's side."""
+    others = shown_elsewhere(np.array([1.0, 0.0, 0.0, 0.0]), 0.10)
+    world = run_on(Stage(others), others)
+    given_up = [attempt for attempt in world.deeds if not attempt.ended]
+    assert len(given_up) > 6, "six actions would do, were it known that something is held"
+
+
+@pytest.mark.parametrize("marker", [(1.0, 0.0, 0.0, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))])
+def test_a_tree_of_a_cell_with_other_frames_runs_on_the_stage(marker: tuple[float, float, float, float]) -> None:
+    others = shown_elsewhere(np.array(marker), 0.06)
+    stage = Stage(others)
+    assert stage.left_out == {}
+    assert stage.bodies["box"].kind == "open_box"
+    assert stage.bodies["box"].shape.size_m == pytest.approx((0.3, 0.3, 0.08))
+    world = run_on(stage, others)
+    assert SCENARIOS["tower_and_box"].reached(world.table.spots, world.held)
     assert len(world.deeds) == 6
 
 
