@@ -10,7 +10,7 @@ from learner.learned import Learned
 from learner.model import Demonstration
 from learner.paper.method import learn_plainly
 from learner.parameters import Parameters
-from learner.rehearsal.trial import proven, tried
+from learner.rehearsal.trial import certify, rehearse_and_repair
 from learner.treewright import learn_robustly
 
 Method = Callable[[Sequence[Demonstration], Parameters], Learned]
@@ -46,4 +46,4 @@ def learn(
     ordered = sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
     parameters = parameters or Parameters()
     learned = METHODS[method](ordered, parameters)
-    return tried(learned, ordered) if rehearsed else proven(learned, ordered[0].base_frame)
+    return rehearse_and_repair(learned, ordered) if rehearsed else certify(learned, ordered[0].base_frame)

@@ -16,7 +16,7 @@ import numpy as np
 
 from learner.model import Tree
 from learner.rehearsal.goal import Goal
-from learner.rehearsal.rehearsal import Actor, Outcome, judged
+from learner.rehearsal.rehearsal import Actor, RolloutResult, judged
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.stage import Stage, Start
 
@@ -44,20 +44,20 @@ Goals = Callable[[Stage], Sequence[Goal]]
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of it: `outcomes`, or the `reason` why there are none."""
+    """What came of it: `results`, or the `reason` why there are none."""
 
-    outcomes: tuple[Outcome, ...] = ()
+    results: tuple[RolloutResult, ...] = ()
     reason: str | None = None
 
     @property
-    def failures(self) -> list[Outcome]:
+    def failures(self) -> list[RolloutResult]:
         """The runs that the tree has failed, not the simulated arm, which reaches and fits where others may not."""
-        return [outcome for outcome in self.outcomes if not outcome.done and not _arm_is_at_fault(outcome)]
+        return [result for result in self.results if not result.done and not _arm_is_at_fault(result)]
 
     @property
     def failed(self) -> bool:
         """Whether every run failed: then the tree is not for use."""
-        return bool(self.outcomes) and len(self.failures) == len(self.outcomes)
+        return bool(self.results) and len(self.failures) == len(self.results)
 
     def to_data(self) -> dict[str, Any]:
         """For the manifest."""
@@ -65,13 +65,13 @@ class Replay:
             "world": "PyBullet",
             "runs": [
                 {
-                    "demonstration_id": outcome.rollout.demonstration_id,
-                    "verdict": outcome.verdict,
-                    "actions": len(outcome.world.deeds),
-                    "contacts": outcome.world.faults.contacts,
-                    "sentence": None if outcome.done else str(outcome),
+                    "demonstration_id": result.rollout.demonstration_id,
+                    "verdict": result.judgement,
+                    "actions": len(result.world.attempts),
+                    "contacts": result.world.faults.contacts,
+                    "sentence": None if result.done else str(result),
                 }
-                for outcome in self.outcomes
+                for result in self.results
             ],
             "reason": self.reason,
         }
@@ -89,14 +89,14 @@ def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
     shifted = ((number, _within_reach(stage, stage.starts[number], goals)) for number in roomy)
     stages = ((number, moved) for number, moved in shifted if moved is not None)
     runs = (_run(tree, moved, number, goals(moved)) for number, moved in stages)
-    outcomes = list(islice(runs, count))
-    while len(outcomes) < TRIES and not any(outcome.done for outcome in outcomes) and (more := next(runs, None)):
-        outcomes.append(more)
-    reason = None if outcomes else "no demonstration fits into the reach of the simulated arm"
-    return Replay(tuple(outcomes), reason)
+    results = list(islice(runs, count))
+    while len(results) < TRIES and not any(result.done for result in results) and (more := next(runs, None)):
+        results.append(more)
+    reason = None if results else "no demonstration fits into the reach of the simulated arm"
+    return Replay(tuple(results), reason)
 
 
-def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> Outcome:
+def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> RolloutResult:
     from learner.simulation.physical_world import PhysicalWorld  # loads pybullet
 
     start, rng = stage.starts[number], np.random.default_rng([2, number])
@@ -105,17 +105,17 @@ def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> Outcom
         stage.bodies, start.spots, rng, base_frame=stage.base, sizes=stage.sizes, end_effector=stage.end_effector
     ) as world:
         ticker = Actor(stage.root(tree.flattened())).enter(world)
-        verdict = judged(rollout, world, ticker, goals, rng, STEPS_PER_ACTION)
-        return Outcome(rollout, verdict, world)
+        judgement = judged(rollout, world, ticker, goals, rng, STEPS_PER_ACTION)
+        return RolloutResult(rollout, judgement, world)
 
 
-def _arm_is_at_fault(outcome: Outcome) -> bool:
+def _arm_is_at_fault(result: RolloutResult) -> bool:
     """Whether what failed most is out of the simulated arm's reach, or its hand met something beside what is picked."""
-    often = outcome.failing.most_common(1)
+    often = result.failing.most_common(1)
     if not often:
         return False
-    kind, _, _, reason = often[0][0]
-    return "out of reach" in reason or (kind == "Pick" and reason.startswith("contact"))
+    kind, _, _, failure = often[0][0]
+    return failure.kind == "out of reach" or (kind == "Pick" and failure.kind == "contact")
 
 
 def _roomy(stage: Stage, start: Start, goals: Sequence[Goal]) -> bool:

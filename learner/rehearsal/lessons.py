@@ -20,7 +20,7 @@ from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.rounding import rounded
 from learner.rehearsal.goal import Goal, holds
-from learner.rehearsal.rehearsal import RELEASES, Outcome, Rehearsal
+from learner.rehearsal.rehearsal import RELEASES, Rehearsal, RolloutResult
 from learner.simulation.gravity import Body
 
 TRIALS: Final = 4
@@ -36,7 +36,7 @@ APART: Final = 0.49
 
 
 @dataclass(frozen=True)
-class Attempt:
+class Candidate:
     """A tree, what it was repaired by, and how it rehearsed."""
 
     tree: Tree
@@ -44,16 +44,16 @@ class Attempt:
     rehearsal: Rehearsal
 
 
-def attempts(
+def candidates(
     first: Tree, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal],
-    propose: Callable[[Sequence[Outcome], Repairs], Sequence[Repairs]],
-) -> list[Attempt]:  # fmt: skip
+    propose: Callable[[Sequence[RolloutResult], Repairs], Sequence[Repairs]],
+) -> list[Candidate]:  # fmt: skip
     """The first tree, then each repaired one that rehearses better than all before it.
 
     Of the repairs proposed the first is taken that makes it no worse; one that is as good is repaired further, if its
     failures teach more.
     """
-    last = Attempt(first, NOTHING, rehearse(first))
+    last = Candidate(first, NOTHING, rehearse(first))
     found, left = [last], TRIALS
     while left:
         options = (last.repairs | option for option in propose(last.rehearsal.failures, last.repairs))
@@ -62,13 +62,13 @@ def attempts(
         for repairs in others:
             left -= 1
             tree = plan(repairs)
-            attempt = Attempt(tree, repairs, rehearse(tree))
-            if attempt.rehearsal.share >= last.rehearsal.share:
-                better = attempt
+            candidate = Candidate(tree, repairs, rehearse(tree))
+            if float(candidate.rehearsal.share) >= float(last.rehearsal.share):
+                better = candidate
                 break
         if better is None:
             break
-        found += [better] if better.rehearsal.share > last.rehearsal.share else []
+        found += [better] if float(better.rehearsal.share) > float(last.rehearsal.share) else []
         last = better
     return found
 
@@ -97,7 +97,7 @@ class Lessons:
         self.goals, self.bodies = goals, bodies
         self.known = NOTHING
 
-    def of(self, failures: Sequence[Outcome], known: Repairs = NOTHING) -> Sequence[Repairs]:
+    def of(self, failures: Sequence[RolloutResult], known: Repairs = NOTHING) -> Sequence[Repairs]:
         """The repairs that failed runs of a tree speak for, which was made with those `known`.
 
         First with what holds of one object and place taken to hold of all objects that are alike and all places in the
@@ -112,34 +112,34 @@ class Lessons:
         size = self.bodies[name].shape.size_m
         return [other for other, body in self.bodies.items() if body.shape.size_m == size]
 
-    def _seen(self, failures: Sequence[Outcome], known: Repairs) -> Repairs:
+    def _seen(self, failures: Sequence[RolloutResult], known: Repairs) -> Repairs:
         found, self.known = NOTHING, known
-        for outcome in failures:
-            for repair in (*self._contacts(outcome), *self._undone(outcome), *self._radii(outcome)):
+        for result in failures:
+            for repair in (*self._contacts(result), *self._undone(result), *self._radii(result)):
                 found |= repair
         return found
 
-    def _contacts(self, outcome: Outcome) -> Iterator[Repairs]:
-        for (kind, name, frame, reason), times in sorted(outcome.failing.items()):
-            met = reason.removeprefix("contact with ").split(" ")[0]
-            if kind in RELEASES and reason.startswith("contact") and met in self.bodies and times >= OFTEN:
-                yield from (self._contact(target, met, outcome) for target in self._targets(name, frame))
+    def _contacts(self, result: RolloutResult) -> Iterator[Repairs]:
+        for (kind, name, frame, failure), times in result.failing.items():
+            met = failure.with_ if failure.kind == "contact" else None
+            if kind in RELEASES and met is not None and met in self.bodies and times >= OFTEN:
+                yield from (self._contact(target, met, result) for target in self._targets(name, frame))
 
-    def _contact(self, target: Target, met: str, outcome: Outcome) -> Repairs:
+    def _contact(self, target: Target, met: str, result: RolloutResult) -> Repairs:
         """What is met lies where it belongs, and came too early; or it is in the way."""
-        own = [t for t in self.placements if t.object == met and self._lies_at(t, outcome)]
+        own = [t for t in self.placements if t.object == met and self._lies_at(t, result)]
         if own:
             return Repairs(before=frozenset((target, other) for other in own))
         return Repairs(widened=frozenset({(target, met)}))
 
-    def _lies_at(self, target: Target, outcome: Outcome) -> bool:
+    def _lies_at(self, target: Target, result: RolloutResult) -> bool:
         relations = (relation for goal in self.goals for relation in goal.relations)
         own = (r for r in relations if (r.object, r.frame) == (target.object, target.frame))
-        return any(holds(relation, outcome.world) for relation in own)
+        return any(holds(relation, result.world) for relation in own)
 
-    def _undone(self, outcome: Outcome) -> Iterator[Repairs]:
+    def _undone(self, result: RolloutResult) -> Iterator[Repairs]:
         """What is placed again and again upon something that is still to be moved waits until that was moved."""
-        placed = Counter(outcome.placed)
+        placed = Counter(result.placed)
         for order in self.orders(self.known):
             for place, target in enumerate(order):
                 if placed[target.object, target.frame] >= OFTEN:
@@ -147,11 +147,11 @@ class Lessons:
                     later = [other for other in order[place + 1 :] if other.object in under]
                     yield Repairs(before=frozenset((other, target) for other in later))
 
-    def _radii(self, outcome: Outcome) -> Iterator[Repairs]:
+    def _radii(self, result: RolloutResult) -> Iterator[Repairs]:
         """Wider where an object was placed again and again with nothing between, or reached for and let be."""
-        repeated = Counter(a for a, b in pairwise(outcome.placed) if a == b)
+        repeated = Counter(a for a, b in pairwise(result.placed) if a == b)
         again = {pair for pair, times in repeated.items() if times >= OFTEN - 1}
-        given_up = {name for (kind, name), times in outcome.given_up.items() if kind == "Pick" and times >= OFTEN}
+        given_up = {name for (kind, name), times in result.given_up.items() if kind == "Pick" and times >= OFTEN}
         for target in self.placements:
             if (target.object, target.frame) in again or target.object in given_up:
                 yield Repairs(radii=self._wider(target))

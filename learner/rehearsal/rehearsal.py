@@ -18,9 +18,11 @@ import numpy as np
 from learner.execution.ticking import Leaves, Status, Ticker
 from learner.model import Node, Tree
 from learner.rehearsal.goal import Goal
-from learner.rehearsal.rollouts import STEPS_PER_ACTION, Rollout, imagined
+from learner.rehearsal.rollouts import STEPS_PER_ACTION, Rollout, rollouts
+from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
 from learner.simulation.arena import Arena
+from learner.simulation.failure import Failure
 from learner.simulation.kinematic_world import PERIOD_S
 
 HOLD_STEPS: Final = round(1.0 / PERIOD_S)
@@ -35,80 +37,84 @@ RELEASES: Final = ("Place", "Drop")
 SENTENCES: Final = 5
 """So many failures are told."""
 
-Verdict = Literal["done", "false success", "too many actions", "no progress"]
+Judgement = Literal["done", "false success", "too many actions", "no progress"]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RolloutResult:
     """What came of a rollout. `world` is as it was left."""
 
     rollout: Rollout
-    verdict: Verdict
+    judgement: Judgement
     world: Arena
 
     @property
     def done(self) -> bool:
-        return self.verdict == "done"
+        return self.judgement == "done"
 
     @cached_property
-    def failing(self) -> Counter[tuple[str, str, str, str]]:
-        """How often each (action, object, frame, reason) failed."""
-        return Counter((d.kind, d.object, d.frame, d.reason) for d in self.world.deeds if d.reason)
+    def failing(self) -> Counter[tuple[str, str, str, Failure]]:
+        """How often each (action, object, frame) failed in which way."""
+        return Counter((a.kind, a.object, a.frame, a.failure) for a in self.world.attempts if a.failure)
 
     @cached_property
     def placed(self) -> list[tuple[str, str]]:
         """What was let go in the frame of what, in order."""
-        deeds = (d for d in self.world.deeds if d.kind in RELEASES and d.ended and not d.reason)
-        return [(deed.object, deed.frame) for deed in deeds]
+        attempts = (a for a in self.world.attempts if a.kind in RELEASES and a.ended and not a.failure)
+        return [(attempt.object, attempt.frame) for attempt in attempts]
 
     @cached_property
     def given_up(self) -> Counter[tuple[str, str]]:
         """How often each (action, object) was begun and given up."""
-        return Counter((d.kind, d.object) for d in self.world.deeds if not d.ended)
+        return Counter((a.kind, a.object) for a in self.world.attempts if not a.ended)
 
     def __str__(self) -> str:
-        return f"{self.rollout}: {self.verdict}; {self._why()}"
+        return f"{self.rollout}: {self.judgement}; {self._why()}"
 
     def _why(self) -> str:
         if self.failing:
-            (kind, name, _, reason), times = self.failing.most_common(1)[0]
-            return f"{kind} {name}: {reason} ({times} times)"
+            (kind, name, _, failure), times = self.failing.most_common(1)[0]
+            return f"{kind} {name}: {failure} ({times} times)"
         if self.given_up:
             (kind, name), times = self.given_up.most_common(1)[0]
             return f"{kind} {name} was given up {times} times"
-        return f"{len(self.world.deeds)} actions, none failed"
+        return f"{len(self.world.attempts)} actions, none failed"
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """The outcomes of all rollouts of one tree."""
+    """The results of all rollouts of one tree."""
 
     stage: Stage
-    outcomes: tuple[Outcome, ...]
+    results: tuple[RolloutResult, ...]
 
     @property
-    def failures(self) -> list[Outcome]:
-        return [outcome for outcome in self.outcomes if not outcome.done]
+    def failures(self) -> list[RolloutResult]:
+        return [result for result in self.results if not result.done]
 
     @property
-    def share(self) -> float:
-        """How many of the rollouts were done; 1 if there were none."""
-        return 1 - len(self.failures) / len(self.outcomes) if self.outcomes else 1.0
+    def share(self) -> Share:
+        """How many of the rollouts were done."""
+        return _done(self.results)
 
     def to_data(self) -> dict[str, Any]:
         """For the manifest."""
-        kinds = sorted({outcome.rollout.kind for outcome in self.outcomes})
-        count = {kind: [o for o in self.outcomes if o.rollout.kind == kind] for kind in kinds}
+        kinds = sorted({result.rollout.kind for result in self.results})
+        by_kind = {kind: [result for result in self.results if result.rollout.kind == kind] for kind in kinds}
         return {
             "world": "points" if self.stage.points else "bodies",
-            "rollouts": len(self.outcomes),
-            "done": len(self.outcomes) - len(self.failures),
-            "by_kind": {kind: f"{sum(o.done for o in count[kind])} of {len(count[kind])}" for kind in kinds},
-            "false_successes": sum(outcome.verdict == "false success" for outcome in self.outcomes),
-            "contacts": sum(outcome.world.faults.contacts for outcome in self.outcomes),
-            "failures": [str(outcome) for outcome in self.failures[:SENTENCES]],
+            "rollouts": len(self.results),
+            "done": self.share.done,
+            "by_kind": {kind: str(_done(results)) for kind, results in by_kind.items()},
+            "false_successes": sum(result.judgement == "false success" for result in self.results),
+            "contacts": sum(result.world.faults.contacts for result in self.results),
+            "failures": [str(result) for result in self.failures[:SENTENCES]],
             "left_out": dict(self.stage.left_out),
         }
+
+
+def _done(results: Sequence[RolloutResult]) -> Share:
+    return Share(sum(result.done for result in results), len(results))
 
 
 def rehearse(tree: Tree, stage: Stage, goals: Sequence[Goal], seed: int = 0) -> Rehearsal:
@@ -119,23 +125,23 @@ def rehearse(tree: Tree, stage: Stage, goals: Sequence[Goal], seed: int = 0) -> 
     root = stage.root(tree.flattened())
     picks = frozenset(str(node.port("object")) for node in root.walk() if node.kind == "Pick")
     actor = Actor(root)
-    runs = enumerate(imagined(stage, goals, picks, seed), start=1000 * seed)
+    runs = enumerate(rollouts(stage, goals, picks, seed), start=1000 * seed)
     return Rehearsal(stage, tuple(perform(rollout, actor, stage, goals, number) for number, rollout in runs))
 
 
-def perform(rollout: Rollout, actor: Actor, stage: Stage, goals: Sequence[Goal], number: int = 0) -> Outcome:
+def perform(rollout: Rollout, actor: Actor, stage: Stage, goals: Sequence[Goal], number: int = 0) -> RolloutResult:
     """A rollout in the kinematic world, ticked until it is clear how it ends."""
     rng = np.random.default_rng([1, number])
     world = stage.world(rollout.spots, rng)
-    return Outcome(rollout, judged(rollout, world, actor.enter(world), goals, rng), world)
+    return RolloutResult(rollout, judged(rollout, world, actor.enter(world), goals, rng), world)
 
 
 def judged(
     rollout: Rollout, world: Arena, ticker: Ticker, goals: Sequence[Goal], rng: np.random.Generator,
     steps_per_action: int = STEPS_PER_ACTION,
-) -> Verdict:  # fmt: skip
+) -> Judgement:  # fmt: skip
     """How a rollout ends in a world: the truth decides, not what the tree says."""
-    return _Course(rollout, world, ticker, goals, rng, steps_per_action).verdict()
+    return _Course(rollout, world, ticker, goals, rng, steps_per_action).judgement()
 
 
 class Actor:
@@ -181,15 +187,15 @@ class _Course:
     idle: int = 0
     pending: bool = False
 
-    def verdict(self) -> Verdict:
+    def judgement(self) -> Judgement:
         limit = PATIENCE * max(goal.actions for goal in self.goals) + ASIDE * self.rollout.in_the_way
         self.pending = self.rollout.event is not None
         for _ in range(2 * limit * self.steps_per_action + 10 * HOLD_STEPS):
             self._happen()
-            verdict = self._tick()
-            if verdict:
-                return verdict
-            if len(self.world.deeds) > limit:
+            judgement = self._tick()
+            if judgement:
+                return judgement
+            if len(self.world.attempts) > limit:
                 return "too many actions"
         return "no progress"
 
@@ -198,11 +204,11 @@ class _Course:
         if self.pending and self.rollout.event and self.world.steps >= self.rollout.due:
             self.pending = not self.rollout.event(self.world, self.rng) and self.said < HOLD_STEPS
 
-    def _tick(self) -> Verdict | None:
-        before = len(self.world.deeds)
+    def _tick(self) -> Judgement | None:
+        before = len(self.world.attempts)
         status = self.ticker.tick()
         true = status is Status.SUCCESS and any(goal.reached(self.world) for goal in self.goals)
-        working = status is Status.RUNNING or len(self.world.deeds) > before
+        working = status is Status.RUNNING or len(self.world.attempts) > before
         self.said = self.said + 1 if status is Status.SUCCESS else 0
         self.true, self.idle = self.true + 1 if true else 0, 0 if working else self.idle + 1
         self.world.step()

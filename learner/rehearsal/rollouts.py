@@ -1,4 +1,4 @@
-"""What could be: starts and events of rollouts, imagined from what was demonstrated.
+"""What could be: starts and events of rollouts, rollouts from what was demonstrated.
 
 A seeded imagination puts things where the demonstrations did not: everything elsewhere, something on or beside a
 goal's place, something upon what is to be moved, something taken out of the hand. In each the task can still be done.
@@ -44,7 +44,7 @@ PARTLY_M: Final = (0.03, 0.065)
 
 @dataclass(frozen=True)
 class Rollout:
-    """A run to be done: from `spots`, which came of the start of a demonstration `with_` a change.
+    """A run to be done: from `spots`, which are the start of a demonstration with a `change`.
 
     `event` happens at step `due` or as soon after as it can. `in_the_way` counts things put there.
     """
@@ -52,16 +52,16 @@ class Rollout:
     demonstration_id: str
     spots: Spots
     kind: str = "shown"
-    with_: str = ""
+    change: str = ""
     event: Callable[[Arena, np.random.Generator], bool] | None = None
     due: int = 0
     in_the_way: int = 0
 
     def __str__(self) -> str:
-        return f"from the start of demonstration {self.demonstration_id}{self.with_ and ' with ' + self.with_}"
+        return f"from the start of demonstration {self.demonstration_id}{self.change and ' with ' + self.change}"
 
 
-def imagined(stage: Stage, goals: Sequence[Goal], picks: frozenset[str], seed: int = 0) -> Iterator[Rollout]:
+def rollouts(stage: Stage, goals: Sequence[Goal], picks: frozenset[str], seed: int = 0) -> Iterator[Rollout]:
     """The rollouts: from the demonstrations' starts, and from changed ones in which the task can still be done.
 
     `picks` are the objects that the tree can put aside. Among points nothing is in the way of anything. Another `seed`
@@ -69,7 +69,7 @@ def imagined(stage: Stage, goals: Sequence[Goal], picks: frozenset[str], seed: i
     """
     starts = [start for start in stage.starts if _can_be_done(stage.world(start.spots, _rng(0)), goals, picks)]
     yield from (Rollout(start.demonstration_id, start.spots) for start in starts[:SHOWN])
-    makers = _Imagination(stage, goals, picks)
+    makers = _Maker(stage, goals, picks)
     for number, (kind, count) in enumerate(KINDS.items() if starts else ()):
         for index in range(count):
             if not stage.points or kind in ("taken", "moved"):
@@ -81,7 +81,7 @@ def _rng(*numbers: int) -> np.random.Generator:
     return np.random.default_rng(list(numbers))
 
 
-class _Imagination:
+class _Maker:
     """Makes rollouts of each kind."""
 
     def __init__(self, stage: Stage, goals: Sequence[Goal], picks: frozenset[str]) -> None:
@@ -118,7 +118,7 @@ class _Imagination:
                 return None
             table.carry(name, spot)
             placed |= {name} | aside[name]
-        return replace(rollout, with_="everything elsewhere")
+        return replace(rollout, change="everything elsewhere")
 
     def _occupied(self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int) -> Rollout | None:
         """A thing stands on the place of another."""
@@ -145,7 +145,7 @@ class _Imagination:
             return None
         world.table.lay(name, beside)
         where = f"{'partly ' if away_m else ''}on the place of {relation.object}"
-        return replace(rollout, with_=f"{name} {where}", in_the_way=1)
+        return replace(rollout, change=f"{name} {where}", in_the_way=1)
 
     def _covered(self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int) -> Rollout | None:
         """A thing stands on one that is to be moved."""
@@ -157,7 +157,7 @@ class _Imagination:
         if name is None or world.table.covered(lower):
             return None
         world.table.lay(name, replace(world.spot(lower), yaw=float(rng.uniform(-math.pi, math.pi))))
-        return replace(rollout, with_=f"{name} upon {lower}", in_the_way=1) if lower in _under(world, name) else None
+        return replace(rollout, change=f"{name} upon {lower}", in_the_way=1) if lower in _under(world, name) else None
 
     def _tower(self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int) -> Rollout | None:
         """A pile of three."""
@@ -166,7 +166,7 @@ class _Imagination:
             return None
         for lower, upper in pairwise(names):
             world.table.lay(upper, world.spot(lower))
-        return replace(rollout, with_=f"a pile of {', '.join(names)}", in_the_way=len(names) - 1)
+        return replace(rollout, change=f"a pile of {', '.join(names)}", in_the_way=len(names) - 1)
 
     def _taken(self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int) -> Rollout | None:
         """What is held is taken out of the hand."""
@@ -178,7 +178,7 @@ class _Imagination:
             return spot is not None
 
         due = int(rng.integers(1, STEPS_PER_ACTION * self.goals[0].actions))
-        return replace(rollout, with_="what is held taken away", event=take, due=due, in_the_way=1)
+        return replace(rollout, change="what is held taken away", event=take, due=due, in_the_way=1)
 
     def _moved(self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int) -> Rollout | None:
         """Something is moved elsewhere meanwhile."""
@@ -196,7 +196,7 @@ class _Imagination:
             return False
 
         due = int(rng.integers(1, STEPS_PER_ACTION * self.goals[0].actions))
-        return replace(rollout, with_="something moved meanwhile", event=move, due=due)
+        return replace(rollout, change="something moved meanwhile", event=move, due=due)
 
     def _loose(self, world: Arena) -> set[str]:
         """What the tree can put aside and nothing stands on."""

@@ -18,19 +18,20 @@ from learner.planning.repairs import NOTHING, Repairs
 from learner.proof.prover import Certificate, prove
 from learner.rehearsal.arm_replay import Replay, replay
 from learner.rehearsal.goal import goals_of
-from learner.rehearsal.lessons import Attempt, Lessons, attempts
-from learner.rehearsal.rehearsal import Outcome, Rehearsal, rehearse
+from learner.rehearsal.lessons import Candidate, Lessons, candidates
+from learner.rehearsal.rehearsal import Rehearsal, RolloutResult, rehearse
+from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
 from learner.rehearsal.users import success_without
 
 
-def proven(learned: Learned, base_frame: str) -> Learned:
+def certify(learned: Learned, base_frame: str) -> Learned:
     """With the certificate of its tree, and a note if there is a counterexample."""
     certificate = _certificate(learned, learned.tree, base_frame)
     return replace(learned, certificate=certificate.to_data(), notes=(*learned.notes, *_unproven(certificate)))
 
 
-def tried(learned: Learned, demonstrations: Sequence[Demonstration]) -> Learned:
+def rehearse_and_repair(learned: Learned, demonstrations: Sequence[Demonstration]) -> Learned:
     """With the best of the trees that a draft makes, once rehearsed and repaired, that is proven; else the first.
 
     A method without a draft has its tree judged by what ours understands of the demonstrations, and not repaired.
@@ -40,13 +41,13 @@ def tried(learned: Learned, demonstrations: Sequence[Demonstration]) -> Learned:
         draft = learned.draft or Draft(understand(demonstrations, parameters.inference), parameters.planning, {})
     except NothingLearnedError as error:
         told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
-        return proven(replace(learned, report={**learned.report, **told}), base_frame)
+        return certify(replace(learned, report={**learned.report, **told}), base_frame)
     return _Trial(learned, draft, Stage(demonstrations)).learned()
 
 
 @dataclass(frozen=True)
 class _Tried:
-    attempt: Attempt
+    candidate: Candidate
     certificate: Certificate
     replay: Replay
 
@@ -54,7 +55,7 @@ class _Tried:
     def better(self) -> tuple[bool, int, float]:
         """What makes one preferable to another, the most important first."""
         proven = self.certificate.counterexample is None
-        return proven, -len(self.replay.failures), self.attempt.rehearsal.share
+        return proven, -len(self.replay.failures), float(self.candidate.rehearsal.share)
 
 
 class _Trial:
@@ -70,30 +71,35 @@ class _Trial:
         users = success_without(self.draft, self.stage) if self.first.draft else {}
         report = {
             **self.first.report,
-            "rehearsal": {**best.attempt.rehearsal.to_data(), "repairs": best.attempt.repairs.sentences()},
+            "rehearsal": {**best.candidate.rehearsal.to_data(), "repairs": best.candidate.repairs.sentences()},
             "replay": best.replay.to_data(),
-            "users": [user | {"success_without": users[user["user"]]} for user in self.first.report.get("users", ())],
+            "users": [_with_success(user, users[user["user"]]) for user in self.first.report.get("users", ())],
         }
         certificate = best.certificate.to_data()
         if best.replay.failed:
             certificate["counterexample"] = certificate["counterexample"] or f"replayed {best.replay.failures[0]}"
-        notes = (*self.first.notes, *_unproven(best.certificate), *_said(best), *_unlike(report["users"]))
-        return replace(self.first, tree=best.attempt.tree, report=report, notes=notes, certificate=certificate)
+        notes = (
+            *self.first.notes,
+            *_unproven(best.certificate),
+            *_said(best),
+            *_unlike(self.first.report.get("users", ()), users),
+        )
+        return replace(self.first, tree=best.candidate.tree, report=report, notes=notes, certificate=certificate)
 
     def _best(self) -> _Tried:
-        """The best attempt; if its replay fails, what that teaches is tried too."""
-        found = attempts(self.first.tree, self._made, self._rehearsed, self._proposed)
+        """The best candidate; if its replay fails, what that teaches is tried too."""
+        found = candidates(self.first.tree, self._made, self._rehearsed, self._proposed)
         best = self._best_proven(found)
-        seen = self._proposed(best.replay.failures, best.attempt.repairs)
-        repairs = best.attempt.repairs | (seen[-1] if seen else NOTHING)
-        if repairs == best.attempt.repairs:
+        seen = self._proposed(best.replay.failures, best.candidate.repairs)
+        repairs = best.candidate.repairs | (seen[-1] if seen else NOTHING)
+        if repairs == best.candidate.repairs:
             return best
         tree = self._made(repairs)
-        other = self._completed(Attempt(tree, repairs, self._rehearsed(tree)))
+        other = self._completed(Candidate(tree, repairs, self._rehearsed(tree)))
         return max(best, other, key=lambda one: one.better)
 
-    def _best_proven(self, found: Sequence[Attempt]) -> _Tried:
-        """The best rehearsed attempt if it is proven, or if the first is not proven either; else the first."""
+    def _best_proven(self, found: Sequence[Candidate]) -> _Tried:
+        """The best rehearsed candidate if it is proven, or if the first is not proven either; else the first."""
         first, best = found[0], found[-1]
         certificate = _certificate(self.first, best.tree, self.stage.base)
         if certificate.counterexample is None or best is first:
@@ -102,9 +108,9 @@ class _Trial:
         one_proven = other.counterexample is None
         return self._completed(first, other) if one_proven else self._completed(best, certificate)
 
-    def _completed(self, attempt: Attempt, certificate: Certificate | None = None) -> _Tried:
-        certificate = certificate or _certificate(self.first, attempt.tree, self.stage.base)
-        return _Tried(attempt, certificate, replay(attempt.tree, self.stage, self.goals))
+    def _completed(self, candidate: Candidate, certificate: Certificate | None = None) -> _Tried:
+        certificate = certificate or _certificate(self.first, candidate.tree, self.stage.base)
+        return _Tried(candidate, certificate, replay(candidate.tree, self.stage, self.goals))
 
     def _made(self, repairs: Repairs) -> Tree:
         return self.draft.tree(repairs)
@@ -112,7 +118,7 @@ class _Trial:
     def _rehearsed(self, tree: Tree) -> Rehearsal:
         return rehearse(tree, self.stage, self.goals(self.stage))
 
-    def _proposed(self, failures: Sequence[Outcome], known: Repairs) -> Sequence[Repairs]:
+    def _proposed(self, failures: Sequence[RolloutResult], known: Repairs) -> Sequence[Repairs]:
         return self._lessons.of(failures, known) if self.first.draft else ()
 
     @cached_property
@@ -137,21 +143,25 @@ def _unproven(certificate: Certificate) -> tuple[str, ...]:
     )
 
 
-def _unlike(users: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A sentence on each user of whom nothing was said yet, and who does otherwise than the others' tree mostly."""
-    told = [user for user in users if user["success_without"] and not user["sentence"]]
-    counts = [(user["user"], *map(int, user["success_without"].split(" of "))) for user in told]
+def _with_success(user: Mapping[str, Any], share: Share | None) -> dict[str, Any]:
+    return {**user, "success_without": None if share is None else str(share)}
+
+
+def _unlike(users: Sequence[Mapping[str, Any]], success: Mapping[str, Share | None]) -> list[str]:
+    """Warn about users whom the others' tree reproduces in fewer than half of their starts, once for each user."""
+    silent = [user["user"] for user in users if not user["sentence"]]
+    shares = ((name, share) for name in silent if (share := success[name]) is not None)
     return [
-        f"the tree of the others does what user {name} did from {done} of {count} starts"
-        for name, done, count in counts
-        if 2 * done < count
+        f"the tree of the others does what user {name} did from {share} starts"
+        for name, share in shares
+        if float(share) < 0.5
     ]
 
 
 def _said(best: _Tried) -> tuple[str, ...]:
     """Sentences on what still fails in simulation."""
-    failures, total = best.attempt.rehearsal.failures, len(best.attempt.rehearsal.outcomes)
-    said = [f"rehearsal: {total - len(failures)} of {total} done; {failures[0]}"] if failures else []
+    failures, share = best.candidate.rehearsal.failures, best.candidate.rehearsal.share
+    said = [f"rehearsal: {share} done; {failures[0]}"] if failures else []
     only = "; the tree may get only the alias latest" if best.replay.failed else ""
     said += [f"replay: {best.replay.failures[0]}{only}"] if best.replay.failures else []
     return tuple(said)

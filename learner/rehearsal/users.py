@@ -15,6 +15,7 @@ from learner.planning.draft import Draft
 from learner.rehearsal.goal import Goal, Relation, on_stage
 from learner.rehearsal.rehearsal import Actor, perform
 from learner.rehearsal.rollouts import Rollout
+from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage, spread_evenly
 
 MOST_TRIALS: Final = 100
@@ -26,8 +27,8 @@ Step = tuple[str, int]
 """A pick: the id of its demonstration, and its place in it."""
 
 
-def success_without(draft: Draft, stage: Stage) -> dict[str, str | None]:
-    """For each user, in how many of their demonstrations the tree of the others does as they did, as "2 of 3".
+def success_without(draft: Draft, stage: Stage) -> dict[str, Share | None]:
+    """For each user, in how many of their demonstrations the tree of the others does as they did.
 
     The tree without recovery begins where the user began, in the kinematic world. It has to bring to where it lay in
     the end what belongs to a target of all, or what the user alone puts there time and again; a demonstration without
@@ -36,7 +37,7 @@ def success_without(draft: Draft, stage: Stage) -> dict[str, str | None]:
     return {user: _success(user, others, draft, stage) for user, others in draft.without.items()}
 
 
-def _success(user: str, others: Understanding | None, draft: Draft, stage: Stage) -> str | None:
+def _success(user: str, others: Understanding | None, draft: Draft, stage: Stage) -> Share | None:
     if others is None:
         return None
     shown, most = draft.understood.samples, max(LEAST_TRIALS, MOST_TRIALS // len(draft.without))
@@ -51,7 +52,7 @@ def _success(user: str, others: Understanding | None, draft: Draft, stage: Stage
         goals = [ends[start.demonstration_id]] if start.demonstration_id in ends else []
         rollout = Rollout(start.demonstration_id, start.spots)
         done += bool(goals) and perform(rollout, actor, stage, goals, number).done
-    return f"{done} of {len(starts)}"
+    return Share(done, len(starts))
 
 
 def _ends(user: str, tried: Sequence[int], draft: Draft, stage: Stage) -> dict[str, Goal]:

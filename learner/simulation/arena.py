@@ -12,7 +12,7 @@ from typing import Any, Protocol
 from learner.execution.ticking import Leaves
 from learner.model.pose import Vector
 from learner.simulation.gravity import Body, Spot, Table
-from learner.simulation.kinematic_world import Deed, Faults
+from learner.simulation.kinematic_world import Attempt, Faults
 
 
 class Arena(Leaves, Protocol):
@@ -38,7 +38,7 @@ class Arena(Leaves, Protocol):
         ...
 
     @property
-    def deeds(self) -> list[Deed]:
+    def attempts(self) -> list[Attempt]:
         """The actions so far."""
         ...
 

@@ -28,6 +28,7 @@ from learner.model.holding import Grasp, Sighting, Sizes, grasped, rotated
 from learner.model.names import NONE
 from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector
 from learner.model.tree import Value
+from learner.simulation.failure import Failure
 from learner.simulation.gravity import GIVE_M, Body, Spot, Table
 
 PERIOD_S: Final = 0.1
@@ -55,8 +56,8 @@ WORKSPACE_M: Final = ((0.2, 0.9), (-0.6, 0.6))
 REACH_M: Final = 0.1
 """The arm reaches this far beyond the workspace [m]."""
 
-Motion = Generator[None, None, str | None]
-"""One step of the arm at each `next`; returns the reason of a failure, or None for success."""
+Motion = Generator[None, None, Failure | None]
+"""One step of the arm at each `next`; returns the failure, or None for success."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +72,14 @@ NOISELESS: Final = Noise(0.0, 0.0)
 
 
 @dataclass
-class Deed:
-    """An action as the world saw it: what was tried, when [steps], and why it failed (None: it did not, or runs)."""
+class Attempt:
+    """An action as the world saw it: what was tried, when [steps], and how it failed (None: it did not, or runs)."""
 
     kind: str
     object: str
     frame: str
     step: int
-    reason: str | None = None
+    failure: Failure | None = None
     ended: bool = False
 
 
@@ -94,14 +95,14 @@ class Faults:
 class _UnderWay:
     node: Node
     motion: Motion
-    deed: Deed
+    attempt: Attempt
     gripper: GripperState
     held: str
     ended: bool = False
 
 
 @dataclass
-class Habits:
+class Behavior:
     """What the contract leaves open or a cell may do badly: `failing` is the share of actions that fail for nothing.
 
     With `opens_on_loss`, a Place whose object was lost on the way opens the gripper before it fails.
@@ -127,7 +128,7 @@ class KinematicWorld:
     noise: Noise = field(default_factory=Noise)
     base_frame: str = "base"
     markers: Mapping[str, Quaternion] = field(default_factory=dict)
-    habits: Habits = field(default_factory=Habits)
+    behavior: Behavior = field(default_factory=Behavior)
     workspace_m: tuple[tuple[float, float], tuple[float, float]] = WORKSPACE_M
     sizes: Sizes | None = None
     end_effector: Vector = (0.0, 0.0, 0.0)
@@ -139,7 +140,7 @@ class KinematicWorld:
         self.gripper: GripperState = "open"
         self.held: str | None = None
         self.faults = Faults()
-        self.deeds: list[Deed] = []
+        self.attempts: list[Attempt] = []
         self.steps = 0
         self._grip: Spot | None = None
         self._load: frozenset[str] = frozenset()
@@ -224,14 +225,14 @@ class KinematicWorld:
         if now is None or not now.ended:
             return Status.RUNNING
         self._under_way = None
-        return Status.SUCCESS if now.deed.reason is None else Status.FAILURE
+        return Status.SUCCESS if now.attempt.failure is None else Status.FAILURE
 
     def _start(self, node: Node) -> None:
         ports = dict(node.ports)
-        deed = Deed(node.kind, str(ports.get("object", "")), str(ports.get("frame", "")), self.steps)
-        self.deeds.append(deed)
+        attempt = Attempt(node.kind, str(ports.get("object", "")), str(ports.get("frame", "")), self.steps)
+        self.attempts.append(attempt)
         held, gripper = self.believed, self.gripper
-        self._under_way = _UnderWay(node, self._motion(node), deed, gripper, held)
+        self._under_way = _UnderWay(node, self._motion(node), attempt, gripper, held)
         self._advance()
 
     def halt_action(self, node: Node) -> None:
@@ -254,8 +255,8 @@ class KinematicWorld:
         try:
             next(now.motion)
         except StopIteration as end:
-            now.ended = now.deed.ended = True
-            now.deed.reason = end.value
+            now.ended = now.attempt.ended = True
+            now.attempt.failure = end.value
 
     # -- camera --------------------------------------------------------------------------------------------------
 
@@ -395,10 +396,10 @@ class KinematicWorld:
     def _pick(self, node: Node) -> Motion:
         name = str(node.port("object"))
         if self.gripper == "closed":
-            return "the gripper is closed"
-        fault = yield from self._approach(node)
-        if fault:
-            return fault
+            return Failure("gripper closed", name)
+        failure = yield from self._approach(node)
+        if failure:
+            return failure
         self.close()
         if self.held not in (None, name):
             self.faults.wrong_picks += 1
@@ -406,17 +407,17 @@ class KinematicWorld:
         self._lift()
         for _ in range(LIFT_STEPS):
             yield
-        return None if self.held == name else f"{name} is not held"
+        return None if self.held == name else Failure("missed", name, self.held)
 
     def _release(self, node: Node) -> Motion:
         name = str(node.port("object"))
-        fault = yield from self._approach(node)
-        if fault:
-            return fault
+        failure = yield from self._approach(node)
+        if failure:
+            return failure
         if self.held != name:
-            if self.habits.opens_on_loss:
+            if self.behavior.opens_on_loss:
                 self.open()
-            return f"{name} is not held"
+            return Failure("not held", name, self.held)
         self.open()
         yield
         self._lift()
@@ -424,18 +425,18 @@ class KinematicWorld:
         return None
 
     def _approach(self, node: Node) -> Motion:
-        """To above the target, then down to it; the reason if the arm cannot or collides."""
+        """To above the target, then down to it; the failure if the arm cannot or collides."""
         pose = Pose(node.port("position"), node.port("orientation"))  # type: ignore[arg-type]  # checked by Tree
         origin, quaternion = self.see(str(node.port("frame")))
         target = Pose(origin, quaternion) @ pose
         if not self.reaches(target.position):
-            return "the target is out of reach"
+            return Failure("out of reach", at=target.position)
         yield from self._travel(target)
         self.move_hand(target.position)
-        fault = self._contact() or self._whim()
-        if fault:
+        failure = self._contact() or self._random_failure()
+        if failure:
             self._lift()
-            return fault
+            return failure
         yield
         return None
 
@@ -453,7 +454,7 @@ class KinematicWorld:
         x, y, z = self.hand
         self.move_hand((x, y, z + HOVER_M))
 
-    def _contact(self) -> str | None:
+    def _contact(self) -> Failure | None:
         """What the hand or the held object meets where the hand is now."""
         if self._tilt() > math.radians(40) or self.hand[2] < 0.0:
             met: str | None = "the table"
@@ -462,7 +463,7 @@ class KinematicWorld:
         if met is None:
             return None
         self.faults.contacts += 1
-        return f"contact with {met}"
+        return Failure("contact", with_=met)
 
     def met_by_held(self) -> str | None:
         """What the held object collides with where it is now, if anything."""
@@ -479,9 +480,9 @@ class KinematicWorld:
         high = (block for block in self.table.obstacles({self.held or ""}) if block.top > z + PALM_M)
         return next((block.name for block in high if block.covers(x, y, FINGER_M)), None)
 
-    def _whim(self) -> str | None:
-        fails = self.habits.failing > 0 and self.rng.random() < self.habits.failing
-        return "the skill failed" if fails else None
+    def _random_failure(self) -> Failure | None:
+        fails = self.behavior.failing > 0 and self.rng.random() < self.behavior.failing
+        return Failure("random") if fails else None
 
 
 def reachable(position: Vector, workspace_m: tuple[tuple[float, float], tuple[float, float]] = WORKSPACE_M) -> bool:

@@ -34,15 +34,16 @@ from learner.model.pose import Vector
 from learner.simulation import scenarios
 from learner.simulation.cell import arm_kinematics, camera, skills
 from learner.simulation.cell.physics import Activity, World
-from learner.simulation.cell.skills import Outcome, Skill
+from learner.simulation.cell.skills import Skill, SkillResult
+from learner.simulation.failure import Failure
 from learner.simulation.gravity import WALL_M, Body, Spot, Table
-from learner.simulation.kinematic_world import PERIOD_S, Deed, Faults, Habits, Noise
+from learner.simulation.kinematic_world import PERIOD_S, Attempt, Behavior, Faults, Noise
 
 DENSITY_KG_PER_M3: Final = 800.0
 """Of what things are made of: a cube of 5 cm weighs 0.1 kg."""
 SETTLED_S: Final = 2.0
 """After a human's hands things are left to come to rest for at most this long."""
-WHIM_RESUMES: Final = 30
+RESUMES_BEFORE_FAILURE: Final = 30
 """A skill that fails for nothing does so before its generator was resumed this often: with the hand on its way."""
 PERIOD_NS: Final = round(PERIOD_S * 1e9)
 
@@ -50,7 +51,7 @@ PERIOD_NS: Final = round(PERIOD_S * 1e9)
 @dataclass
 class _UnderWay:
     node: Node
-    deed: Deed
+    attempt: Attempt
 
 
 @dataclass(frozen=True)
@@ -75,12 +76,12 @@ class PhysicalWorld:
         rng: np.random.Generator,
         noise: Noise | None = None,
         base_frame: str = scenarios.BASE,
-        habits: Habits | None = None,
+        behavior: Behavior | None = None,
         sizes: Sizes | None = None,
         end_effector: Vector = (0.0, 0.0, 0.0),
     ) -> None:
-        self.bodies, self.base_frame, self.habits = dict(bodies), base_frame, habits or Habits()
-        self.deeds: list[Deed] = []
+        self.bodies, self.base_frame, self.behavior = dict(bodies), base_frame, behavior or Behavior()
+        self.attempts: list[Attempt] = []
         self.faults = Faults()
         self.steps = 0
         self._rng = rng
@@ -148,10 +149,10 @@ class PhysicalWorld:
         if self._under_way is None or self._under_way.node is not node:
             self._start(node)
         now = self._under_way
-        if now is None or not now.deed.ended:
+        if now is None or not now.attempt.ended:
             return Status.RUNNING
         self._stop()
-        return Status.SUCCESS if now.deed.reason is None else Status.FAILURE
+        return Status.SUCCESS if now.attempt.failure is None else Status.FAILURE
 
     def halt_action(self, node: Node) -> None:
         """Stop the arm, leave the fingers as they are."""
@@ -162,11 +163,11 @@ class PhysicalWorld:
     def _start(self, node: Node) -> None:
         self._stop()
         self._cell.freeze_gripper()
-        deed = Deed(node.kind, str(dict(node.ports).get("object", "")), self._frame(node), self.steps)
-        self.deeds.append(deed)
-        self._under_way = _UnderWay(node, deed)
+        attempt = Attempt(node.kind, str(dict(node.ports).get("object", "")), self._frame(node), self.steps)
+        self.attempts.append(attempt)
+        self._under_way = _UnderWay(node, attempt)
         self._world.halt()
-        self._world.activity = self._do(node, deed)
+        self._world.activity = self._do(node, attempt)
 
     def _stop(self) -> None:
         self._under_way = None
@@ -176,11 +177,11 @@ class PhysicalWorld:
         frame = str(dict(node.ports).get("frame", ""))
         return scenarios.BASE if frame == self.base_frame else frame
 
-    def _do(self, node: Node, deed: Deed) -> Activity:
-        outcome = yield from self._with_habits(node, self._skill(node))
-        deed.ended, deed.reason = True, outcome.reason
-        self.faults.contacts += (outcome.reason or "").startswith("contact")
-        self.faults.wrong_picks += node.kind == "Pick" and self.held not in (None, deed.object)
+    def _do(self, node: Node, attempt: Attempt) -> Activity:
+        result = yield from self._as_it_behaves(node, self._skill(node))
+        attempt.ended, attempt.failure = True, result.failure
+        self.faults.contacts += result.failure is not None and result.failure.kind == "contact"
+        self.faults.wrong_picks += node.kind == "Pick" and self.held not in (None, attempt.object)
 
     def _skill(self, node: Node) -> Skill:
         if node.kind == "SetGripper":
@@ -189,24 +190,24 @@ class PhysicalWorld:
         pose = Pose(node.port("position"), node.port("orientation"))  # type: ignore[arg-type]  # checked by Tree
         return perform(self._world, str(node.port("object")), self._frame(node), pose)
 
-    def _with_habits(self, node: Node, skill: Skill) -> Skill:
-        if node.kind != "SetGripper" and self._rng.random() < self.habits.failing:
+    def _as_it_behaves(self, node: Node, skill: Skill) -> Skill:
+        if node.kind != "SetGripper" and self._rng.random() < self.behavior.failing:
             return (yield from self._given_up(skill))
-        outcome = yield from skill
-        lost = node.kind in ("Place", "Drop") and self.held != node.port("object") and outcome.status == "failure"
-        if lost and self.habits.opens_on_loss and self.gripper == "closed":
+        result = yield from skill
+        lost = node.kind in ("Place", "Drop") and self.held != node.port("object") and result.failure is not None
+        if lost and self.behavior.opens_on_loss and self.gripper == "closed":
             yield from skills.open_gripper(self._world)
-        return outcome
+        return result
 
     def _given_up(self, skill: Skill) -> Skill:
         """A skill that fails for nothing while the hand is on its way."""
-        for _ in range(int(self._rng.integers(1, WHIM_RESUMES))):
+        for _ in range(int(self._rng.integers(1, RESUMES_BEFORE_FAILURE))):
             try:
                 yield next(skill)
             except StopIteration as end:
-                return end.value if isinstance(end.value, Outcome) else Outcome("success")
+                return end.value if isinstance(end.value, SkillResult) else skills.SUCCESS
         self._world.arm.hold()
-        return Outcome("failure", "the skill failed")
+        return SkillResult(Failure("random"))
 
     # -- time ----------------------------------------------------------------------------------------------------
 

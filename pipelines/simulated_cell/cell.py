@@ -33,7 +33,8 @@ from learner.model import Pose, check_name
 from learner.model.condition import GripperState
 from learner.simulation.cell import skills
 from learner.simulation.cell.physics import PERIOD_S, World
-from learner.simulation.cell.skills import Outcome, Skill
+from learner.simulation.cell.skills import Skill, SkillResult
+from learner.simulation.failure import Failure
 from learner.simulation.scenarios import BASE, TOOL, sample_spot
 from pipelines.errors import CommandError
 from pipelines.network.publisher import declare_publisher
@@ -87,7 +88,7 @@ class Cell:
         self._root = f"treewright/{name}"
         self._requests: queue.SimpleQueue[tuple[str, zenoh.Query]] = queue.SimpleQueue()
         self._execution: Execution | None = None
-        self._outcome: Outcome | None = None
+        self._result: SkillResult | None = None
         self._published_state: GripperState | None = None
         self._poses_due_s = self._gripper_due_s = -math.inf
         self._failure_rate = 0.0
@@ -127,7 +128,7 @@ class Cell:
 
     def _live(self, owed_s: float, until_s: float) -> float:
         """Let the world live for what is owed, or until a moment of the wall's; returns what remains owed."""
-        while owed_s >= PERIOD_S and time.monotonic() < until_s and self._outcome is None:
+        while owed_s >= PERIOD_S and time.monotonic() < until_s and self._result is None:
             self.world.step()
             owed_s -= PERIOD_S
         return owed_s
@@ -173,15 +174,15 @@ class Cell:
 
     def _perform(self, skill: Skill) -> Any:
         try:
-            self._outcome = yield from skill
+            self._result = yield from skill
         except LearnerError as error:
-            self._outcome = Outcome("failure", str(error))
+            self._result = SkillResult(Failure("other", said=str(error)))
 
     def _unless_unlucky(self, skill: Skill) -> Skill:
         if self._rng.random() >= self._failure_rate:
             return (yield from skill)
         yield
-        return Outcome("failure", "the skill failed by chance, as it was told to")
+        return SkillResult(Failure("other", said="the skill failed by chance, as it was told to"))
 
     def _skill(self, name: str, fields: Fields) -> Skill:
         world = self.world
@@ -197,16 +198,16 @@ class Cell:
 
     def _conclude(self) -> None:
         """Answer the request whose skill has ended; what came of it is published before."""
-        if self._outcome is None:
+        if self._result is None:
             return
         self._publish(at_once=True)
-        self._answer(self._outcome)
+        self._answer(self._result)
 
-    def _answer(self, outcome: Outcome) -> None:
-        execution, self._execution, self._outcome = self._execution, None, None
+    def _answer(self, result: SkillResult) -> None:
+        execution, self._execution, self._result = self._execution, None, None
         if execution is None:
             return
-        answer = {"status": outcome.status, "reason": outcome.reason}
+        answer = {"status": result.status, "reason": result.reason}
         self._reply(execution.key, execution.query, answer)
         ids = {"skill": execution.skill, "execution_id": execution.execution_id}
         self._report({"event": "skill ended", **ids, **answer})
@@ -224,7 +225,7 @@ class Cell:
         if self._execution is None:
             return
         self.world.halt()
-        self._answer(self._outcome or Outcome("failure", reason))
+        self._answer(self._result or SkillResult(Failure("other", said=reason)))
 
     def _publish(self, at_once: bool = False) -> None:
         now_s = time.monotonic()

@@ -241,7 +241,7 @@ def least_actions(world: Arena, scenario: Scenario, goal: Goal) -> int:
 
 def _begun(world: Arena, moved: set[str], waiting: bool) -> int:
     """How many of the picks and releases of these objects are done or under way."""
-    last = world.deeds[-1] if world.deeds else None
+    last = world.attempts[-1] if world.attempts else None
     under_way = last is not None and not last.ended and last.object in moved
     if world.held in moved:
         return 1 + (under_way and not waiting)

@@ -1,7 +1,7 @@
 """Learned trees run in PyBullet with the arm: every task, every kind of disturbance, judged by the truth of physics.
 
 The starts are those of the kinematic runs as far as the arm reaches them: a ring around its base. Failing runs keep
-their deeds, so that a reader can tell a tree's fault from an arm's:
+their attempts, so that a reader can tell a tree's fault from an arm's:
 
     python -m tests.experiments.physical TASK KIND SET RUN     prints one run
 """
@@ -19,7 +19,7 @@ from learner.learning import METHODS
 from learner.model import Node
 from learner.parameters import Parameters
 from learner.simulation.cell.arm_kinematics import reaches
-from learner.simulation.kinematic_world import Habits
+from learner.simulation.kinematic_world import Behavior
 from learner.simulation.physical_world import PhysicalWorld
 
 from .demonstrator import demonstrated
@@ -94,17 +94,21 @@ def learned_root(scenario: Scenario, number: int) -> Node:
 
 
 def run_once(root: Node, scenario: Scenario, cell: int, kind: str, number: int) -> dict[str, Any]:
-    """One run, as JSON; `happened` tells whether its disturbance could happen, `deeds` what was done if it failed."""
+    """One run, as JSON: whether its disturbance could happen (`happened`), and what was done if it failed."""
     name, when = KINDS[kind][(RUNS * cell + number) % len(KINDS[kind])]
     disturbance = DISTURBANCES.get(name)
     seed = 1000 * (cell + 1) + number
     rng = np.random.default_rng([seed, *kind.encode()])
-    habits = Habits(failing=disturbance.failing if disturbance else 0.0, opens_on_loss=bool(rng.integers(2)))
-    with PhysicalWorld(scenario.objects, scenario.draw_start(np.random.default_rng(seed)), rng, habits=habits) as world:
+    behavior = Behavior(failing=disturbance.failing if disturbance else 0.0, opens_on_loss=bool(rng.integers(2)))
+    with PhysicalWorld(
+        scenario.objects, scenario.draw_start(np.random.default_rng(seed)), rng, behavior=behavior
+    ) as world:
         result = judge(root, world, scenario, seed, rng, disturbance, when, STEPS_PER_ACTION)
         happened = disturbance is None or disturbance.happen is None or result.disturbed is not None
-        deeds = [] if result.success else [f"{d.step} {d.kind} {d.object} {d.frame}: {d.reason}" for d in world.deeds]
-    return {**asdict(result), "happened": happened, "deeds": deeds}
+        attempts = (
+            [] if result.success else [f"{d.step} {d.kind} {d.object} {d.frame}: {d.failure}" for d in world.attempts]
+        )
+    return {**asdict(result), "happened": happened, "attempts": attempts}
 
 
 def physical_table(results: Sequence[Mapping[str, Any]]) -> str:
@@ -149,4 +153,6 @@ def _show(name: str, kind: str, cell: int, number: int) -> dict[str, Any]:
 
 if __name__ == "__main__":
     shown = _show(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
-    print("\n".join(f"{key}: {value}" for key, value in shown.items() if key != "deeds"), *shown["deeds"], sep="\n")
+    print(
+        "\n".join(f"{key}: {value}" for key, value in shown.items() if key != "attempts"), *shown["attempts"], sep="\n"
+    )

@@ -80,9 +80,9 @@ def compared(learned: Learned, demonstrations: Sequence[Demonstration]) -> Resul
     planned, stage = learned.draft.tree(), Stage(demonstrations)
     first, *before = _rehearsed(planned, learned.draft, stage, (0, *UNSEEN))
     after = list(_rehearsed(learned.tree, learned.draft, stage, UNSEEN))
-    unseen = {"rollouts": sum(len(each.outcomes) for each in before), "planned": _failing(before),
+    unseen = {"rollouts": sum(len(each.results) for each in before), "planned": _failing(before),
               "published": _failing(after)}  # fmt: skip
-    return {"planned": len(first.outcomes) - len(first.failures), "unseen": unseen}
+    return {"planned": len(first.results) - len(first.failures), "unseen": unseen}
 
 
 def _rehearsed(tree: Tree, draft: Draft, stage: Stage, seeds: Iterable[int]) -> Iterator[Rehearsal]:

@@ -19,7 +19,7 @@ from learner.execution.ticking import Status, Ticker
 from learner.model import Node, Tree
 from learner.model.pose import Quaternion
 from learner.simulation.arena import Arena
-from learner.simulation.kinematic_world import PERIOD_S, Habits, KinematicWorld, Noise
+from learner.simulation.kinematic_world import PERIOD_S, Behavior, KinematicWorld, Noise
 
 from .disturbances import Disturbance, When, needs_recovery
 from .scenarios import Scenario
@@ -69,8 +69,8 @@ def run(
     """Run a tree in the kinematic world from a random start (drawn from `seed` alone) until the verdict."""
     rng = np.random.default_rng([seed, 1])
     spots = scenario.draw_start(np.random.default_rng(seed))
-    habits = Habits(failing=disturbance.failing if disturbance else 0.0, opens_on_loss=bool(rng.integers(2)))
-    world = KinematicWorld(scenario.objects, spots, rng, noise or Noise(), markers=markers or {}, habits=habits)
+    behavior = Behavior(failing=disturbance.failing if disturbance else 0.0, opens_on_loss=bool(rng.integers(2)))
+    world = KinematicWorld(scenario.objects, spots, rng, noise or Noise(), markers=markers or {}, behavior=behavior)
     return judge(tree, world, scenario, seed, rng, disturbance, when)
 
 
@@ -94,14 +94,14 @@ def judge(
         when=when,
         seed=seed,
         verdict=verdict,
-        actions=len(world.deeds),
+        actions=len(world.attempts),
         budget=budget(scenario),
         contacts=world.faults.contacts,
         wrong_picks=world.faults.wrong_picks,
         steps=world.steps,
         disturbed=course.disturbed,
         beyond=course.beyond,
-        last_reasons=tuple(f"{d.kind} {d.object}: {d.reason}" for d in world.deeds[-4:] if d.reason),
+        last_reasons=tuple(f"{d.kind} {d.object}: {d.failure}" for d in world.attempts[-4:] if d.failure),
     )
 
 
@@ -143,7 +143,7 @@ class _Run:
             verdict = self._tick()
             if verdict:
                 return verdict
-            if len(self.world.deeds) > limit:
+            if len(self.world.attempts) > limit:
                 return "too many actions"
         return "no progress"
 
@@ -160,18 +160,18 @@ class _Run:
         due = self.world.steps >= self.due_step and self.when == "progress"
         if not (due or finished or self._at_start) or self.disturbance is None or self.disturbance.happen is None:
             return
-        actions_left = budget(self.scenario) - len(self.world.deeds)
+        actions_left = budget(self.scenario) - len(self.world.attempts)
         self.disturbed = self.disturbance.apply(self.world, self.scenario, self.rng, actions_left)
         if self.disturbed:
             self.said = self.true = 0
-            self.watched = len(self.world.deeds)
+            self.watched = len(self.world.attempts)
         self.pending = self.disturbed is None and not finished and not self._at_start
 
     def _watch(self) -> None:
         """Whether a way out has to be found: at the disturbance, and when the action ends that it interrupted."""
         if self.watched is not None:
             self.beyond = self.beyond or needs_recovery(self.world, self.scenario)
-            self.watched = self.watched if self.watched == len(self.world.deeds) else None
+            self.watched = self.watched if self.watched == len(self.world.attempts) else None
 
     @property
     def _at_start(self) -> bool:

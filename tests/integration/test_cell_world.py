@@ -13,7 +13,8 @@ from learner.simulation.cell import skills
 from learner.simulation.cell.arm_kinematics import pointing_down, yaw_of
 from learner.simulation.cell.camera import Noise
 from learner.simulation.cell.physics import UnknownObjectError, World
-from learner.simulation.cell.skills import Outcome, Skill
+from learner.simulation.cell.skills import SUCCESS, Skill, SkillResult
+from learner.simulation.failure import Failure
 from learner.simulation.scenarios import BASE, SCENARIOS
 
 STANDING = (0.0, 0.0, 0.0, 1.0)
@@ -29,7 +30,7 @@ def world() -> Iterator[World]:
         yield world
 
 
-def perform(world: World, skill: Skill) -> Outcome:
+def perform(world: World, skill: Skill) -> SkillResult:
     outcomes = []
 
     def activity() -> Iterator[None]:
@@ -48,16 +49,16 @@ def grasp(world: World, name: str, along: float = 0.0, across: float = 0.0, up: 
     return pointing_down(x, y, z, yaw_of(cube @ Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))) + yaw)
 
 
-def pick(world: World, name: str, **misses: float) -> Outcome:
+def pick(world: World, name: str, **misses: float) -> SkillResult:
     return perform(world, skills.pick(world, name, BASE, grasp(world, name, **misses)))
 
 
-def place(world: World, name: str, x: float, y: float, z: float) -> Outcome:
+def place(world: World, name: str, x: float, y: float, z: float) -> SkillResult:
     return perform(world, skills.place(world, name, BASE, pointing_down(x, y, z, 0.0)))
 
 
 def test_a_cube_grasped_well_is_lifted_and_moves_with_the_hand(world: World) -> None:
-    assert pick(world, "A") == Outcome("success")
+    assert pick(world, "A") == SUCCESS
 
     assert world.held == "A"
     assert world.gripper_state == "closed"
@@ -103,7 +104,7 @@ def test_a_pick_with_a_closed_gripper_fails_without_moving(world: World) -> None
     perform(world, skills.set_gripper(world, "closed"))
     before = world.arm.tool_pose
 
-    assert pick(world, "A") == Outcome("failure", "the gripper is closed already")
+    assert pick(world, "A") == SkillResult(Failure("gripper closed", "A"))
     assert math.dist(world.arm.tool_pose.position, before.position) < 0.001
 
 
@@ -128,8 +129,8 @@ def test_a_covered_cube_is_not_picked_and_the_contact_is_told(world: World) -> N
 
 def test_a_tower_is_stacked_and_stands(world: World) -> None:
     for upper, height in (("D", 0.075), ("F", 0.125)):
-        assert pick(world, upper) == Outcome("success")
-        assert place(world, upper, 0.5, -0.2, height) == Outcome("success")
+        assert pick(world, upper) == SUCCESS
+        assert place(world, upper, 0.5, -0.2, height) == SUCCESS
     world.run(1.0)
 
     assert world.pose_in_base("F").position == pytest.approx((0.5, -0.2, 0.125), abs=0.004)
@@ -150,7 +151,7 @@ def test_a_place_that_is_taken_fails_on_contact_still_holding(world: World) -> N
 def test_a_target_a_little_below_the_support_counts_as_reached(world: World) -> None:
     pick(world, "A")
 
-    assert place(world, "A", 0.45, 0.1, 0.025 - 0.008) == Outcome("success")
+    assert place(world, "A", 0.45, 0.1, 0.025 - 0.008) == SUCCESS
     world.run(0.5)
     assert world.pose_in_base("A").position == pytest.approx((0.45, 0.1, 0.025), abs=0.004)
 
@@ -192,7 +193,7 @@ def test_a_dropped_cube_falls_into_the_box_and_the_box_takes_it_along(world: Wor
     world.teleport("box", Pose((0.5, -0.3, 0.04), STANDING))
     world.teleport("E", Pose((0.6, 0.1, 0.025), STANDING))
     pick(world, "A")
-    assert place(world, "A", 0.5, -0.3, 0.13) == Outcome("success")
+    assert place(world, "A", 0.5, -0.3, 0.13) == SUCCESS
     world.run(0.5)
     assert world.pose_in_base("A").position[2] < 0.04
 
@@ -242,11 +243,11 @@ def test_the_steps_of_a_scenario_done_by_skills_reach_its_goal_by_truth() -> Non
     scenario = SCENARIOS["hanoi"]
     with World("hanoi", np.random.default_rng(5)) as world:
         for step in scenario.steps:
-            assert pick(world, step.object) == Outcome("success")
+            assert pick(world, step.object) == SUCCESS
             frame = world.frame_in_base(step.frame)
             hand = pointing_down(*frame.apply(step.position), yaw_of(frame @ Pose((0, 0, 0), (1.0, 0.0, 0.0, 0.0))))
             outcome = perform(world, skills.place(world, step.object, step.frame, frame.inverse() @ hand))
-            assert outcome == Outcome("success")
+            assert outcome == SUCCESS
             assert not (world.goal_reached and world.held)
         world.run(1.5)
 
@@ -271,4 +272,4 @@ def test_a_reset_world_stands_at_another_start_with_open_empty_hand(world: World
     assert world.held is None
     assert world.gripper_state == "open"
     assert not world.goal_reached
-    assert pick(world, "A") == Outcome("success")
+    assert pick(world, "A") == SUCCESS

@@ -52,7 +52,7 @@ def test_a_learned_tree_reaches_the_goal_in_the_real_engine_despite_noise(name: 
         if ticker.tick() is Status.SUCCESS and scenario.reached(world.table.spots, world.held):
             return
         world.step()
-    pytest.fail(f"{name} was not reached; {world.deeds[-3:]}")
+    pytest.fail(f"{name} was not reached; {world.attempts[-3:]}")
 
 
 def test_the_tree_of_a_real_yumi_puts_the_cube_where_the_marker_is(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def root() -> Node:
 def test_a_learned_tree_builds_the_tower_and_fills_the_box_whatever_happens(root: Node, kind: str) -> None:
     run = run_once(root, in_reach("tower_and_box"), 0, kind, 0)
     assert run["happened"]
-    assert run["verdict"] == "done", run["deeds"]
+    assert run["verdict"] == "done", run["attempts"]
     assert run["actions"] <= run["budget"]
     assert run["wrong_picks"] == 0
 
@@ -41,7 +41,7 @@ def test_a_learned_tree_builds_the_tower_and_fills_the_box_whatever_happens(root
 def test_a_tree_that_does_nothing_is_found_out() -> None:
     run = run_once(leaf(GripperIs("open")), in_reach("tower_and_box"), 0, "nothing", 0)
     assert run["verdict"] == "false success"
-    assert run["deeds"] == []
+    assert run["attempts"] == []
 
 
 def test_starts_are_within_the_arms_reach() -> None:

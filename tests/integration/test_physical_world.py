@@ -29,8 +29,9 @@ from learner.simulation.arena import Arena
 from learner.simulation.cell import skills
 from learner.simulation.cell.arm_kinematics import inverse, pointing_down, reaches
 from learner.simulation.cell.physics import World, upright
+from learner.simulation.failure import Failure
 from learner.simulation.gravity import Body, Spot
-from learner.simulation.kinematic_world import NOISELESS, Habits, KinematicWorld
+from learner.simulation.kinematic_world import NOISELESS, Behavior, KinematicWorld
 from learner.simulation.physical_world import PhysicalWorld
 from learner.simulation.scenarios import SCENARIOS
 
@@ -53,20 +54,20 @@ Make = Callable[..., Arena]
 def physical() -> Iterator[Callable[..., PhysicalWorld]]:
     with ExitStack() as stack:
 
-        def make(habits: Habits | None = None, **spots: Spot) -> PhysicalWorld:
+        def make(behavior: Behavior | None = None, **spots: Spot) -> PhysicalWorld:
             placed = spots or SPOTS
             rng = np.random.default_rng(1)
-            return stack.enter_context(PhysicalWorld(bodies(placed), placed, rng, NOISELESS, habits=habits))
+            return stack.enter_context(PhysicalWorld(bodies(placed), placed, rng, NOISELESS, behavior=behavior))
 
         yield make
 
 
 @pytest.fixture(params=["kinematic", "physical"])
 def arena(request: pytest.FixtureRequest, physical: Make) -> Make:
-    def kinematic(habits: Habits | None = None, **spots: Spot) -> Arena:
+    def kinematic(behavior: Behavior | None = None, **spots: Spot) -> Arena:
         placed = spots or SPOTS
         rng = np.random.default_rng(1)
-        return KinematicWorld(bodies(placed), placed, rng, NOISELESS, habits=habits or Habits())
+        return KinematicWorld(bodies(placed), placed, rng, NOISELESS, behavior=behavior or Behavior())
 
     return physical if request.param == "physical" else kinematic
 
@@ -105,7 +106,7 @@ def test_actions_and_conditions_mean_the_same_in_both_worlds(arena: Make) -> Non
     assert world.table.on("B") == {"A"}
     assert world.held is None
     assert world.faults.contacts == 0
-    assert [deed.reason for deed in world.deeds] == [None, None]
+    assert [attempt.failure for attempt in world.attempts] == [None, None]
 
 
 def test_a_tree_builds_a_tower_and_fills_the_box_in_both_worlds(arena: Make) -> None:
@@ -126,7 +127,7 @@ def test_a_tree_builds_a_tower_and_fills_the_box_in_both_worlds(arena: Make) -> 
 
     assert world.table.on("B") == {"A"}
     assert world.table.on("box") == {"C"}
-    assert len(world.deeds) == 4
+    assert len(world.attempts) == 4
 
 
 def test_gripper_conditions_keep_their_values_while_an_action_runs(arena: Make) -> None:
@@ -147,14 +148,14 @@ def test_a_covered_cube_is_not_picked_and_the_contact_counts(arena: Make) -> Non
     world = arena(A=SPOTS["A"], D=Spot(SPOTS["A"].x, SPOTS["A"].y, 0.075, 0.3))
     assert do(world, pick("A")) == [Status.FAILURE]
     assert world.faults.contacts == 1
-    assert str(world.deeds[-1].reason).startswith("contact with D")
+    assert str(world.attempts[-1].failure).startswith("contact with D")
     assert world.held is None
 
 
 def test_what_is_out_of_reach_fails(arena: Make) -> None:
     world = arena()
     assert do(world, leaf(Pick("A", "base", (1.4, 0.0, 0.025), DOWN))) == [Status.FAILURE]
-    assert "out of reach" in str(world.deeds[-1].reason)
+    assert "out of reach" in str(world.attempts[-1].failure)
 
 
 def test_a_halted_action_stops_the_arm_and_leaves_the_fingers(physical: Callable[..., PhysicalWorld]) -> None:
@@ -255,9 +256,9 @@ def test_what_is_put_into_the_hand_is_noticed(physical: Callable[..., PhysicalWo
 
 
 def test_skills_fail_as_often_as_told(physical: Callable[..., PhysicalWorld]) -> None:
-    world = physical(Habits(failing=1.0))
+    world = physical(Behavior(failing=1.0))
     assert do(world, pick("A")) == [Status.FAILURE]
-    assert world.deeds[-1].reason == "the skill failed"
+    assert world.attempts[-1].failure == Failure("random")
     assert world.held is None
     assert do(world, leaf(SetGripper("closed"))) == [Status.SUCCESS]
 

@@ -23,7 +23,7 @@ from learner.learning import METHODS, learn
 from learner.model import Demonstration, ObjectShape, Scene
 from learner.parameters import Parameters
 from learner.planning.draft import Draft
-from learner.rehearsal.trial import tried
+from learner.rehearsal.trial import rehearse_and_repair
 from pipelines.home import Home
 from pipelines.steps.ingest import ingest
 from pipelines.steps.learn import Choice, learn_from, publish
@@ -91,7 +91,7 @@ def test_a_tree_that_fails_every_replay_gets_no_alias_but_latest(store: Artifact
     group = right.draft.understood.groups[0]
     shorter = replace(right.draft.understood, groups=(replace(group, subgoals=group.subgoals[:-1]),))
     wrong = Learned(Draft(shorter, Parameters().planning, {}).tree(), {}, (), Parameters())
-    learned = tried(wrong, demonstrations)
+    learned = rehearse_and_repair(wrong, demonstrations)
     assert learned.report["rehearsal"]["done"] == 0
     assert "false success" in str(learned.certificate)
     assert any("may get only the alias latest" in note for note in learned.notes)

@@ -12,7 +12,7 @@ from learner.execution.ticking import Status, Ticker
 from learner.model import Drop, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt, ObjectShape, Pick, Place, SetGripper
 from learner.model.tree import Node, leaf, sequence
 from learner.simulation.gravity import Body, Spot
-from learner.simulation.kinematic_world import NOISELESS, Habits, KinematicWorld, Noise
+from learner.simulation.kinematic_world import NOISELESS, Behavior, KinematicWorld, Noise
 
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))
 BOX = Body(ObjectShape((0.3, 0.3, 0.08), "box"), "open_box")
@@ -22,9 +22,9 @@ OPEN, CLOSED = leaf(GripperIs("open")), leaf(GripperIs("closed"))
 ON_TOP = (0.0, 0.0, 0.05)
 
 
-def world(noise: Noise = NOISELESS, habits: Habits | None = None, **spots: Spot) -> KinematicWorld:
+def world(noise: Noise = NOISELESS, behavior: Behavior | None = None, **spots: Spot) -> KinematicWorld:
     bodies = {name: BOX if name == "box" else CUBE for name in spots}
-    return KinematicWorld(bodies, spots, np.random.default_rng(1), noise, habits=habits or Habits())
+    return KinematicWorld(bodies, spots, np.random.default_rng(1), noise, behavior=behavior or Behavior())
 
 
 def pick(name: str, position: tuple[float, float, float] = ORIGIN) -> Node:
@@ -199,7 +199,7 @@ def test_the_camera_says_the_same_until_the_next_step_and_is_noisy() -> None:
 
 
 def test_failing_skills_fail_about_as_often_as_told() -> None:
-    cell = world(NOISELESS, Habits(failing=0.2), A=Spot(0.4, 0.1, 0.025, 0.3))
+    cell = world(NOISELESS, Behavior(failing=0.2), A=Spot(0.4, 0.1, 0.025, 0.3))
     failures = 0
     for _ in range(200):
         failures += do(cell, pick("A"))[0] is Status.FAILURE

@@ -24,9 +24,9 @@ from learner.planning.recovery import PileRecovery
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.synthesis import main_id, tree_of
 from learner.rehearsal.goal import Goal, goals_of, holds
-from learner.rehearsal.lessons import Attempt, Lessons, attempts
+from learner.rehearsal.lessons import Candidate, Lessons, candidates
 from learner.rehearsal.rehearsal import Actor, rehearse
-from learner.rehearsal.rollouts import KINDS, SHOWN, imagined
+from learner.rehearsal.rollouts import KINDS, SHOWN, rollouts
 from learner.rehearsal.stage import Stage
 from learner.simulation.gravity import Body, Spot
 
@@ -85,38 +85,38 @@ def setting(name: str) -> tuple[Stage, Draft, list[Goal]]:
     return stage, draft, goals_of(draft.understood.groups, draft.placements, stage)
 
 
-def tried(name: str, **weakness: bool | float) -> list[Attempt]:
+def candidates_of(name: str, **weakness: bool | float) -> list[Candidate]:
     """The attempts at repairing a tree that is weakened on purpose."""
     stage, draft, goals = setting(name)
     weak = Weakened(draft.understood, PARAMETERS.planning, {}, **weakness)  # type: ignore[arg-type]  # by name
     lessons = Lessons(weak.placements, weak.nearest_m, weak.orders, goals, stage.bodies)
-    return attempts(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals), lessons.of)
+    return candidates(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals), lessons.of)
 
 
 def test_what_stands_in_the_way_unseen_is_found_and_seen_afterwards() -> None:
-    first, *_, last = tried("board", unseeing=True)
+    first, *_, last = candidates_of("board", unseeing=True)
     assert any("contact with" in str(failure) for failure in first.rehearsal.failures)
     assert last.repairs.widened
     assert len(last.rehearsal.failures) < len(first.rehearsal.failures) / 2
 
 
 def test_an_order_in_which_one_placement_undoes_another_is_turned_round() -> None:
-    first, *_, last = tried("tower_and_box", backwards=True)
-    assert first.rehearsal.share < 0.5
+    first, *_, last = candidates_of("tower_and_box", backwards=True)
+    assert float(first.rehearsal.share) < 0.5
     assert {(a.object, b.object) for a, b in last.repairs.before} == {("D", "F")}
-    assert last.rehearsal.share == 1.0
+    assert float(last.rehearsal.share) == 1.0
 
 
 def test_a_radius_within_the_noise_is_widened_but_never_beyond_the_papers() -> None:
-    first, *_, last = tried("tower_and_box", radius_m=0.006)
-    assert first.rehearsal.share < 0.9
-    assert last.rehearsal.share > first.rehearsal.share
+    first, *_, last = candidates_of("tower_and_box", radius_m=0.006)
+    assert float(first.rehearsal.share) < 0.9
+    assert float(last.rehearsal.share) > float(first.rehearsal.share)
     assert last.repairs.radii
     assert all(0.006 < radius <= 0.05 for _, radius in last.repairs.radii)
 
 
 def test_a_tree_that_rehearses_well_is_left_as_it_is() -> None:
-    (only,) = tried("object_in_box")
+    (only,) = candidates_of("object_in_box")
     assert only.repairs == NOTHING
     assert only.rehearsal.failures == []
 
@@ -124,8 +124,8 @@ def test_a_tree_that_rehearses_well_is_left_as_it_is() -> None:
 def test_an_attempt_that_is_no_better_is_not_kept() -> None:
     stage, draft, goals = setting("tower_and_box")
     target = draft.understood.targets[0]
-    worse = tried("tower_and_box", backwards=True)[0].tree
-    found = attempts(
+    worse = candidates_of("tower_and_box", backwards=True)[0].tree
+    found = candidates(
         draft.tree(),
         lambda _: worse,
         lambda tree: rehearse(tree, stage, goals),
@@ -139,7 +139,7 @@ def test_success_that_the_truth_does_not_bear_out_is_a_false_success() -> None:
     group = draft.understood.groups[0]
     shorter = replace(draft.understood, groups=(replace(group, subgoals=group.subgoals[:-1]),))
     rehearsal = rehearse(Draft(shorter, PARAMETERS.planning, {}).tree(), stage, goals)
-    assert {outcome.verdict for outcome in rehearsal.outcomes if outcome.rollout.kind == "shown"} == {"false success"}
+    assert {result.judgement for result in rehearsal.results if result.rollout.kind == "shown"} == {"false success"}
     assert rehearsal.to_data()["false_successes"] > 0
 
 
@@ -147,7 +147,7 @@ def test_a_tree_that_can_do_nothing_makes_no_progress() -> None:
     stage, draft, goals = setting("object_in_box")
     names = dict.fromkeys(draft.understood.targets, "nowhere")
     rehearsal = rehearse(_out_of_reach(draft, names), stage, goals)
-    assert "done" not in {outcome.verdict for outcome in rehearsal.outcomes}
+    assert "done" not in {result.judgement for result in rehearsal.results}
     assert "out of reach" in str(rehearsal.failures[0])
 
 
@@ -170,11 +170,11 @@ def test_every_imagined_start_leaves_the_task_possible_and_is_not_done_yet() -> 
     for name in ("board", "hanoi", "towers"):
         stage, draft, goals = setting(name)
         picks = frozenset(str(node.port("object")) for node in draft.tree().flattened().walk() if node.kind == "Pick")
-        rollouts = list(imagined(stage, goals, picks))
-        kinds = {rollout.kind for rollout in rollouts}
+        made = list(rollouts(stage, goals, picks))
+        kinds = {rollout.kind for rollout in made}
         assert {"shown", "scattered", "partly", "taken", "moved"} <= kinds
-        assert len(rollouts) <= SHOWN + sum(KINDS.values())
-        for rollout in rollouts:
+        assert len(made) <= SHOWN + sum(KINDS.values())
+        for rollout in made:
             world = stage.world(rollout.spots, np.random.default_rng(0))
             assert not any(goal.reached(world) for goal in goals)
             assert all(world.table.support_m(n, s, s.z) == pytest.approx(s.z - stage.bodies[n].half_height, abs=0.006)
@@ -188,7 +188,7 @@ def test_an_unmovable_thing_on_a_goals_place_is_no_fault_of_the_tree() -> None:
     place = goals[0].place(next(r for r in goals[0].relations if r.frame == BASE), stage.world({}, _rng()))
     stage.bodies["post"] = post
     stage.starts = [replace(start, spots={**start.spots, "post": replace(place, z=0.15)}) for start in stage.starts]
-    assert list(imagined(stage, goals, frozenset("ABCDEF"))) == []
+    assert list(rollouts(stage, goals, frozenset("ABCDEF"))) == []
 
 
 def _rng() -> np.random.Generator:
@@ -206,8 +206,8 @@ def test_a_tree_compiled_once_forgets_the_world_that_it_leaves() -> None:
     ticker = actor.enter(second)
     while ticker.tick() is not Status.SUCCESS:
         second.step()
-    assert [(deed.kind, deed.object) for deed in second.deeds[:2]] == [("Pick", "D"), ("Place", "D")]
-    assert len(first.deeds) < len(second.deeds)
+    assert [(attempt.kind, attempt.object) for attempt in second.attempts[:2]] == [("Pick", "D"), ("Place", "D")]
+    assert len(first.attempts) < len(second.attempts)
 
 
 def test_goals_hold_by_the_papers_radius_whatever_the_tree_looks_for() -> None:

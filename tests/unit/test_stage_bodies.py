@@ -137,7 +137,7 @@ def test_an_end_effector_too_far_from_what_it_grasps_is_found_out_on_the_stage()
     """No cell believes by CONTRACT, section 3, that such a hand holds anything: 7.5 cm from a cube's side."""
     others = shown_elsewhere(np.array([1.0, 0.0, 0.0, 0.0]), 0.10)
     world = run_on(Stage(others), others)
-    given_up = [attempt for attempt in world.deeds if not attempt.ended]
+    given_up = [attempt for attempt in world.attempts if not attempt.ended]
     assert len(given_up) > 6, "six actions would do, were it known that something is held"
 
 
@@ -150,7 +150,7 @@ def test_a_tree_of_a_cell_with_other_frames_runs_on_the_stage(marker: tuple[floa
     assert stage.bodies["box"].shape.size_m == pytest.approx((0.3, 0.3, 0.08))
     world = run_on(stage, others)
     assert SCENARIOS["tower_and_box"].reached(world.table.spots, world.held)
-    assert len(world.deeds) == 6
+    assert len(world.attempts) == 6
 
 
 def _turned(scene: Scene | None, turn: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Scene:

@@ -13,6 +13,7 @@ import numpy as np
 from learner.model import Pose
 from learner.model.pose import Array, conjugate, multiply
 from learner.simulation.cell.arm_kinematics import VELOCITY_LIMIT_RAD_PER_S
+from learner.simulation.failure import Failure
 
 if TYPE_CHECKING:
     from learner.simulation.cell.physics import World
@@ -26,10 +27,10 @@ TURN_RAD_PER_S: Final = 2.0
 SETTLE_RAD: Final = 5e-4
 SETTLE_STEPS: Final = 60
 
-Travel = Generator[None, None, str | None]
+Travel = Generator[None, None, Failure | None]
 """Resumed once before each physics step; returns why it stopped early, None on arrival."""
-Watch = Callable[[float], str | None]
-"""Told the distance [m] left to the path's end, answers with a reason to stop or None."""
+Watch = Callable[[float], Failure | None]
+"""Told the distance [m] left to the path's end, answers with a failure to stop by or None."""
 
 
 class Path(Protocol):
@@ -91,7 +92,7 @@ class Around:
 
 
 def travel(world: World, path: Path, speed_m_per_s: float, watch: Watch) -> Travel:
-    """Follow a path, slowly at its ends, no faster than the joints can; stop where `watch` finds a reason."""
+    """Follow a path, slowly at its ends, no faster than the joints can; stop where `watch` finds a failure."""
     duration_s = 1.5 * max(path.length_m / speed_m_per_s, path.turn_rad / TURN_RAD_PER_S)
     knots = max(1, math.ceil(duration_s / (KNOT_STEPS * STEP_S)))
     knot = 0
@@ -103,14 +104,14 @@ def travel(world: World, path: Path, speed_m_per_s: float, watch: Watch) -> Trav
         joints = world.arm.solve(path.at(fraction))
         if joints is None:
             world.arm.hold()
-            return "the way there is out of reach"
+            return Failure("out of reach")
         for move in _glide(world, joints) if glides else _drive(world, joints):
             move()
             yield
-            reason = watch((1.0 - fraction) * path.length_m)
-            if reason is not None:
+            failure = watch((1.0 - fraction) * path.length_m)
+            if failure is not None:
                 world.arm.hold()
-                return reason
+                return failure
     yield from _settle(world)
     return None
 

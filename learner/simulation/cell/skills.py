@@ -17,6 +17,7 @@ from learner.model.condition import GripperState
 from learner.simulation.cell.arm_kinematics import inverse
 from learner.simulation.cell.motion import Around, Straight, Travel, travel, wait
 from learner.simulation.cell.physics import TABLE, UnknownObjectError, World
+from learner.simulation.failure import Failure
 
 TRAVEL_HEIGHT_M: Final = 0.30
 """Of `tool0`: what is held clears a tower of four."""
@@ -31,19 +32,24 @@ FINGERS_PATIENCE_S: Final = 1.5
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How a skill ended; `reason` is a sentence where it failed."""
+class SkillResult:
+    """How a skill ended: well, unless there is a `failure`."""
 
-    status: Literal["success", "failure"]
-    reason: str | None = None
+    failure: Failure | None = None
 
-    @staticmethod
-    def because(reason: str | None) -> Outcome:
-        """Success where there is no reason to the contrary."""
-        return Outcome("success") if reason is None else Outcome("failure", reason)
+    @property
+    def status(self) -> Literal["success", "failure"]:
+        """As the contract's skills answer."""
+        return "success" if self.failure is None else "failure"
+
+    @property
+    def reason(self) -> str | None:
+        """The sentence that goes with a failure."""
+        return None if self.failure is None else str(self.failure)
 
 
-Skill = Generator[None, None, Outcome]
+SUCCESS: Final = SkillResult()
+Skill = Generator[None, None, SkillResult]
 
 
 def pick(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
@@ -55,19 +61,18 @@ def pick(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
     _check_object(world, name)
     target = world.frame_in_base(frame) @ tool_in_frame
     if world.gripper_state == "closed":
-        return Outcome("failure", "the gripper is closed already")
+        return SkillResult(Failure("gripper closed", name))
     world.make_ready(name)
-    reason = yield from approach(world, target, ignored=name)
-    if reason is not None:
-        return Outcome("failure", reason)
+    failure = yield from approach(world, target, ignored=name)
+    if failure is not None:
+        return SkillResult(failure)
     yield from close_gripper(world)
-    if world.held not in (None, name):
-        return Outcome("failure", f"{name} is not held: the fingers closed on {world.held}")
     grasped = world.held
-    yield from lift(world)
-    if grasped is None:
-        return Outcome("failure", f"{name} is not held: the fingers closed on nothing")
-    return Outcome.because(None if world.held == name else f"{name} was lost on the way up")
+    if grasped in (None, name):
+        yield from lift(world)
+    if grasped != name:
+        return SkillResult(Failure("missed", name, grasped))
+    return SUCCESS if world.held == name else SkillResult(Failure("lost", name))
 
 
 def place(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
@@ -78,56 +83,53 @@ def place(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
     target = world.frame_in_base(frame) @ tool_in_frame
     if world.held != name:
         yield from lift(world)
-        return Outcome("failure", f"{name} is not held: the gripper holds {world.held or 'nothing'}")
-    reason = yield from approach(world, target, held=name)
-    if reason is not None:
-        return Outcome("failure", reason)
+        return SkillResult(Failure("not held", name, world.held))
+    failure = yield from approach(world, target, held=name)
+    if failure is not None:
+        return SkillResult(failure)
     yield from open_gripper(world)
     yield from lift(world)
-    return Outcome("success")
+    return SUCCESS
 
 
 def set_gripper(world: World, state: GripperState) -> Skill:
     """Open or close where the hand is."""
     yield from (open_gripper(world) if state == "open" else close_gripper(world))
-    return Outcome("success")
+    return SUCCESS
 
 
 def move(world: World, target: Pose) -> Skill:
     """Bring the hand to a pose in the base, as an operator who leads it: up, around, down."""
-    return Outcome.because((yield from approach(world, target, held=world.held)))
+    return SkillResult((yield from approach(world, target, held=world.held)))
 
 
 def approach(world: World, target: Pose, ignored: str | None = None, held: str | None = None) -> Travel:
-    """Up, around and down to a pose of `tool0` in the base; the reason where it ends early.
+    """Up, around and down to a pose of `tool0` in the base; the failure where it ends early.
 
     `ignored` may brush the fingers from the side; `held` has to stay in the gripper on the way.
     """
     above = _raised(target, max(TRAVEL_HEIGHT_M, target.position[2] + APPROACH_M))
     if inverse(target) is None or inverse(above) is None:
-        x, y, z = target.position
-        return f"the pose is out of reach: {x:.3f}, {y:.3f}, {z:.3f} m in the base"
+        return Failure("out of reach", at=target.position)
 
-    def watch(left_m: float) -> str | None:
+    def watch(left_m: float) -> Failure | None:
         if held is not None and world.held != held:
-            return f"{held} is not held any more"
+            return Failure("lost", held)
         obstacle = world.obstacle(ignored)
-        return None if obstacle is None else f"contact with {obstacle} {left_m * 100:.1f} cm before the target"
-
-    def watch_down(left_m: float) -> str | None:
-        reason = watch(left_m)
-        support = "contact" if world.held else f"contact with {TABLE}"
-        arrived = reason is not None and reason.startswith(support) and left_m <= SLACK_M
-        return ARRIVED if arrived else reason
+        return None if obstacle is None else Failure("contact", with_=obstacle, left_m=left_m)
 
     yield from lift(world, above.position[2])
-    reason = yield from travel(world, Around(world.arm.tool_pose, above), TRAVEL_M_PER_S, watch)
-    if reason is None:
-        reason = yield from travel(world, Straight(above, target), DOWN_M_PER_S, watch_down)
-    return None if reason == ARRIVED else reason
+    failure = yield from travel(world, Around(world.arm.tool_pose, above), TRAVEL_M_PER_S, watch)
+    if failure is not None:
+        return failure
+    failure = yield from travel(world, Straight(above, target), DOWN_M_PER_S, watch)
+    return None if failure is not None and _has_arrived(world, failure) else failure
 
 
-ARRIVED: Final = "arrived"
+def _has_arrived(world: World, failure: Failure) -> bool:
+    """Whether the hand met on its way down what it was to meet."""
+    near = failure.left_m is not None and failure.left_m <= SLACK_M
+    return near and (world.held is not None or failure.with_ == TABLE)
 
 
 def lift(world: World, height_m: float = TRAVEL_HEIGHT_M) -> Travel:
