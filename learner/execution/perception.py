@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from learner.errors import TreeError
+from learner.model.action import Motion, SetGripper
 from learner.model.condition import Condition, GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
 from learner.model.holding import Grasp, Sighting, Sizes, grasped, rotated
 from learner.model.names import NONE
@@ -28,20 +29,13 @@ FRESH_NS: Final = 500_000_000
 FOREVER_NS: Final = -1
 """The moment of closing of a gripper that has been closed since before anything was heard of it."""
 
-CONDITION_TYPES: Final[dict[str, Callable[..., Condition]]] = {
-    "GripperIs": GripperIs,
-    "InGripper": InGripper,
-    "ObjectAt": ObjectAt,
-    "ObjectRoughlyAt": ObjectRoughlyAt,
-}
-
 
 def condition_of(node: Node) -> Condition:
     """The condition that a leaf of a flattened tree checks. Raises TreeError for any other node."""
-    if node.kind not in CONDITION_TYPES:
+    word = node.word
+    if isinstance(word, Motion | SetGripper):
         raise TreeError(f"{node.kind} is no condition")
-    ports: dict[str, Any] = dict(node.ports)
-    return CONDITION_TYPES[node.kind](**ports)
+    return word
 
 
 @dataclass(frozen=True)

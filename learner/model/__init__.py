@@ -1,6 +1,6 @@
 """The words of the project: Pose, Condition, Action, Demonstration, Tree. numpy and stdlib only."""
 
-from learner.model.action import Action, Drop, Pick, Place, SetGripper
+from learner.model.action import Action, Drop, Motion, Pick, Place, SetGripper
 from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt, compatible
 from learner.model.demonstration import DemonstratedAction, Demonstration
 from learner.model.names import check_alias, check_name
@@ -20,6 +20,7 @@ __all__ = [
     "GripperIs",
     "GripperSample",
     "InGripper",
+    "Motion",
     "Node",
     "ObjectAt",
     "ObjectRoughlyAt",

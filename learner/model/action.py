@@ -7,6 +7,7 @@ is the pose of the end-effector; what a Place or Drop *achieves* is where the ob
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from learner.model.condition import (
     DROP_RADIUS_M,
@@ -19,7 +20,7 @@ from learner.model.condition import (
     ObjectRoughlyAt,
 )
 from learner.model.names import NONE
-from learner.model.pose import Quaternion, Vector
+from learner.model.pose import Pose, Quaternion, Vector
 
 Conditions = frozenset[Condition]
 RELEASED: Conditions = frozenset({GripperIs("open"), InGripper(NONE)})
@@ -104,3 +105,13 @@ class SetGripper:
 
 
 Action = Pick | Place | Drop | SetGripper
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a cell executes of a Pick, Place or Drop: the end-effector goes to `pose` in `frame`, the gripper acts."""
+
+    type: Literal["Pick", "Place", "Drop"]
+    object: str
+    frame: str
+    pose: Pose

@@ -12,13 +12,18 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 from learner.errors import TreeError
-from learner.model.action import Action, Drop, Pick, Place, SetGripper
+from learner.model.action import Action, Drop, Motion, Pick, Place, SetGripper
 from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.names import NONE
+from learner.model.pose import Pose
 
 Value = str | float | tuple[float, ...]
+Word = Condition | Motion | SetGripper
+"""What a leaf of a flattened tree says."""
 
 FORMAT: Final = "treewright.tree/1"
 POSE: Final = ("object", "frame", "position", "orientation")
@@ -60,6 +65,14 @@ class Node:
         """The value of a port. Raises KeyError if there is none."""
         return dict(self.ports)[name]
 
+    @cached_property
+    def word(self) -> Word:
+        """What a leaf says, decoded once.
+
+        Raises TreeError for a node that is no leaf, or that refers to the ports of its SubTree.
+        """
+        return _word_of(self)
+
     def walk(self) -> Iterator[Node]:
         """This node and all below it, depth first, left to right."""
         yield self
@@ -75,6 +88,28 @@ class Node:
     def depth(self) -> int:
         """The number of levels from here down."""
         return 1 + max((child.depth for child in self.children), default=0)
+
+
+def _word_of(node: Node) -> Word:
+    ports: dict[str, Any] = dict(node.ports)
+    if node.kind not in LEAVES:
+        raise TreeError(f"{node.kind} is no leaf")
+    if any(isinstance(value, str) and REFERENCE.fullmatch(value) for value in ports.values()):
+        raise TreeError(f"{node.kind} refers to the ports of its SubTree: flatten the tree first")
+    match node.kind:
+        case "GripperIs":
+            return GripperIs(**ports)
+        case "InGripper":
+            return InGripper(**ports)
+        case "ObjectAt":
+            return ObjectAt(**ports)
+        case "ObjectRoughlyAt":
+            return ObjectRoughlyAt(**ports)
+        case "SetGripper":
+            return SetGripper(**ports)
+        case "Pick" | "Place" | "Drop" as kind:
+            return Motion(kind, ports["object"], ports["frame"], Pose(ports["position"], ports["orientation"]))
+    raise TreeError(f"{node.kind} is no leaf")
 
 
 def leaf(word: Condition | Action) -> Node:
@@ -185,12 +220,15 @@ class Tree:
 
     def objects(self) -> frozenset[str]:
         """Every object that a leaf names, `none` left out."""
-        names = {str(dict(node.ports)["object"]) for node in self.flattened().walk() if "object" in dict(node.ports)}
-        return frozenset(names - {"none"})
+        return self._named("object") - {NONE}
 
     def frames(self) -> frozenset[str]:
         """Every frame that a leaf names."""
-        return frozenset(str(dict(n.ports)["frame"]) for n in self.flattened().walk() if "frame" in dict(n.ports))
+        return self._named("frame")
+
+    def _named(self, port: str) -> frozenset[str]:
+        values = (value for node in self.flattened().walk() for name, value in node.ports if name == port)
+        return frozenset(map(str, values))
 
     def to_json(self) -> str:
         """Canonical JSON: keys sorted, no spaces, numbers as Python's shortest form. Equal trees, equal bytes."""

@@ -19,9 +19,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from learner.model import Node, Pose
+from learner.errors import TreeError
+from learner.model import GripperIs, InGripper, Motion, Node, ObjectAt, ObjectRoughlyAt, Pose, SetGripper
 from learner.model.names import NONE
 from learner.model.pose import Vector
+from learner.model.tree import Word
 from learner.proof.parameters import ProofParameters
 
 AWAY: Final = 0
@@ -29,6 +31,8 @@ HELD: Final = 1
 FIRST_LOCATION: Final = 2
 X, Y, Z, LEVEL, RAISED = range(5)
 
+Spoken = ObjectAt | ObjectRoughlyAt
+"""The conditions that speak of where an object is."""
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 LocationNumbers = NDArray[np.int16]
@@ -103,26 +107,28 @@ class AbstractWorld:
     def __init__(self, base_frame: str, *roots: Node, levels: int, parameters: ProofParameters | None = None) -> None:
         self.base_frame, self.levels, self.parameters = base_frame, levels, parameters or ProofParameters()
         leaves = list(dict.fromkeys(node for root in roots for node in root.walk() if not node.children))
-        self.grasps = {str(n.port("object")): _pose(n) for n in leaves if n.kind == "Pick"}
-        self.objects = sorted({str(n.port("object")) for n in leaves if "object" in dict(n.ports)} - {NONE})
-        asked = {str(n.port("frame")) for n in leaves if "frame" in dict(n.ports)}
+        words = [node.word for node in leaves]
+        self.grasps = {w.object: w.pose for w in words if isinstance(w, Motion) and w.type == "Pick"}
+        self.objects = sorted({w.object for w in words if not isinstance(w, GripperIs | SetGripper)} - {NONE})
+        asked = {w.frame for w in words if isinstance(w, Motion | Spoken)}
         self.frames = [*self.objects, base_frame, *sorted(asked - {*self.objects, base_frame})]
         self.index = {name: number for number, name in enumerate(self.frames)}
         self.movable = [self.index[name] for name in self.objects if name in self.grasps]
-        self.locations = {name: self._locations_of(name, leaves) for name in self.objects}
+        self.locations = {name: self._locations_of(name, words) for name in self.objects}
         self.sizes = [FIRST_LOCATION + len(self.locations[name]) for name in self.objects]
         self.left_out: str | None = None
         """Which states `states` has left out although they might be: piles that recovery does not take down."""
 
-    def _locations_of(self, name: str, leaves: Sequence[Node]) -> list[Location]:
+    def _locations_of(self, name: str, words: Sequence[Word]) -> list[Location]:
         """The distinct locations of an object; of a pile in one frame only the lowest, the others follow."""
         found: list[Location] = []
-        own = [n for n in leaves if dict(n.ports).get("object") == name]
-        targets = {(str(n.port("frame")), self._let_go(n)) for n in own if n.kind in ("Place", "Drop")}
-        dropped = [self._let_go(n) for n in own if n.kind == "Drop" and n.port("frame") == self.base_frame]
-        spoken = [n for n in own if n.kind.startswith("Object") and not self._is_spot(n, dropped)]
-        exact = {(n.port("frame"), n.port("position")) for n in spoken if n.kind == "ObjectAt"}
-        spots = sorted({(str(n.port("frame")), vector(n.port("position"))) for n in spoken})
+        motions = [w for w in words if isinstance(w, Motion) and w.object == name and w.type != "Pick"]
+        targets = {(m.frame, self._let_go(m)) for m in motions}
+        dropped = [self._let_go(m) for m in motions if m.type == "Drop" and m.frame == self.base_frame]
+        own = [w for w in words if isinstance(w, Spoken) and w.object == name]
+        spoken = [condition for condition in own if not self._is_spot(condition, dropped)]
+        exact = {(c.frame, c.position) for c in spoken if isinstance(c, ObjectAt)}
+        spots = sorted({(c.frame, c.position) for c in spoken})
         for frame, position in spots:
             axes = 3 if (frame, position) in exact else 2
             placed = any(
@@ -146,17 +152,17 @@ class AbstractWorld:
             and float(np.dot(a, b)) > self.parameters.same_direction * reach_a * reach_b
         )
 
-    def _is_spot(self, node: Node, dropped: Sequence[Vector]) -> bool:
+    def _is_spot(self, condition: Spoken, dropped: Sequence[Vector]) -> bool:
         """Whether a condition asks for a free spot on the table: a rough one in the base that no drop leads to."""
-        if node.kind != "ObjectRoughlyAt" or node.port("frame") != self.base_frame:
+        if isinstance(condition, ObjectAt) or condition.frame != self.base_frame:
             return False
-        position, reach_m = vector(node.port("position")), float(node.port("radius"))  # type: ignore[arg-type]  # a radius is a number
-        return all(np.linalg.norm(np.subtract(at, position)[:2]) > reach_m for at in dropped)
+        away = (np.linalg.norm(np.subtract(at, condition.position)[:2]) for at in dropped)
+        return all(distance > condition.radius for distance in away)
 
-    def _let_go(self, node: Node) -> Vector:
+    def _let_go(self, motion: Motion) -> Vector:
         """Where the object's origin is when the end-effector stands at the target of a Place or Drop."""
-        grasp = self.grasps.get(str(node.port("object")), Pose((0.0, 0.0, 0.0)))
-        return (_pose(node) @ grasp.inverse()).position
+        grasp = self.grasps.get(motion.object, Pose((0.0, 0.0, 0.0)))
+        return (motion.pose @ grasp.inverse()).position
 
     @cached_property
     def _steps(self) -> tuple[NDArray[np.int32], Floats]:
@@ -355,62 +361,67 @@ class AbstractWorld:
 
     def holds(self, node: Node, states: States, layout: Layout) -> Bools:
         """In which states (n,) a condition holds."""
-        if node.kind == "GripperIs":
-            return np.asarray(states.closed == (node.port("state") == "closed"))
-        name = str(node.port("object"))
-        if node.kind == "InGripper":
-            return np.asarray((states.locations != HELD).all(axis=0)) if name == NONE else self._in_hand(name, states)
-        root, spot = self._spot(node, vector(node.port("position")), layout)
-        radius_m, axes = float(node.port("radius")), 3 if node.kind == "ObjectAt" else 2  # type: ignore[arg-type]  # a radius is a number
-        return layout.near(self.index[name], spot, root, radius_m, axes) & ~self._in_hand(name, states)
+        match node.word:
+            case GripperIs(state):
+                return np.asarray(states.closed == (state == "closed"))
+            case InGripper(name):
+                free = name == NONE
+                return np.asarray((states.locations != HELD).all(axis=0)) if free else self._in_hand(name, states)
+            case ObjectAt(name, frame, position, radius_m) | ObjectRoughlyAt(name, frame, position, radius_m) as word:
+                root, spot = self._spot(frame, position, layout)
+                axes = 3 if isinstance(word, ObjectAt) else 2
+                return layout.near(self.index[name], spot, root, radius_m, axes) & ~self._in_hand(name, states)
+            case _:
+                raise TreeError(f"{node.kind} is no condition")
 
     def _in_hand(self, name: str, states: States) -> Bools:
         return np.asarray(states.locations[self.index[name]] == HELD)
 
-    def _spot(self, node: Node, position: Vector, layout: Layout) -> tuple[NDArray[np.int32], Floats]:
-        """Root (n,) and offset (3, n) of a position in the frame of a leaf."""
-        frame = self.index[str(node.port("frame"))]
-        return layout.roots[frame], layout.offsets[:3, frame] + np.array(position, dtype=np.float32)[:, None]
+    def _spot(self, frame: str, position: Vector, layout: Layout) -> tuple[NDArray[np.int32], Floats]:
+        """Root (n,) and offset (3, n) of a position in a frame."""
+        row = self.index[frame]
+        return layout.roots[row], layout.offsets[:3, row] + np.array(position, dtype=np.float32)[:, None]
 
     def ready(self, node: Node, states: States) -> Bools:
         """In which states (n,) the hand is as an action needs it: open for a Pick, else holding what is let go."""
-        if node.kind == "SetGripper":
+        word = node.word
+        if not isinstance(word, Motion):
             return np.ones(len(states), dtype=bool)
-        return ~states.closed if node.kind == "Pick" else self._in_hand(str(node.port("object")), states)
+        return ~states.closed if word.type == "Pick" else self._in_hand(word.object, states)
 
     def can(self, node: Node, states: States, layout: Layout) -> Bools:
         """In which states (n,) an action succeeds."""
-        fits = self.ready(node, states)
-        if node.kind == "SetGripper":
+        fits, word = self.ready(node, states), node.word
+        if not isinstance(word, Motion):
             return fits
-        a = self.index[str(node.port("object"))]
-        if node.kind == "Pick":
+        a = self.index[word.object]
+        if word.type == "Pick":
             for b in self.movable:
                 fits = fits & ~self._upon(layout, b, a) if b != a else fits
             return fits
-        root, spot = self._spot(node, self._let_go(node), layout)
-        for b in self.movable if node.kind == "Place" else ():
-            if b != a and self.objects[b] != node.port("frame"):
+        root, spot = self._spot(word.frame, self._let_go(word), layout)
+        for b in self.movable if word.type == "Place" else ():
+            if b != a and self.objects[b] != word.frame:
                 fits = fits & ~layout.near(b, spot, root, self.parameters.overlap_m)
         return np.asarray(fits & (root != a))
 
     def after(self, node: Node, states: States, layout: Layout) -> States:
         """The states after an action that succeeded in all of them."""
         locations, closed = states.locations.copy(), states.closed.copy()
-        if node.kind == "SetGripper":
-            closed[:] = node.port("state") == "closed"
-            if node.port("state") == "open":
-                locations[locations == HELD] = AWAY
-            return States(locations, closed)
-        a = self.index[str(node.port("object"))]
-        closed[:] = node.kind == "Pick"
-        if node.kind == "Pick":
-            locations[a] = HELD
-            self._leave_behind(self.objects[a], locations)
-            self._let_fall(States(locations, closed))
-        else:
-            reached = self._reached(node)
-            locations[a] = np.where(self._falls(node, reached, layout), AWAY, reached)
+        match node.word:
+            case SetGripper(state):
+                closed[:] = state == "closed"
+                if state == "open":
+                    locations[locations == HELD] = AWAY
+            case Motion(type="Pick", object=name):
+                closed[:] = True
+                locations[self.index[name]] = HELD
+                self._leave_behind(name, locations)
+                self._let_fall(States(locations, closed))
+            case Motion() as motion:
+                closed[:] = False
+                reached = self._reached(motion)
+                locations[self.index[motion.object]] = np.where(self._falls(motion, reached, layout), AWAY, reached)
         return States(locations, closed)
 
     def thrown(self, states: States) -> tuple[States, Ints]:
@@ -446,41 +457,29 @@ class AbstractWorld:
             self._leave_behind(self.objects[a], fallen)
             states.locations[:, hangs] = fallen
 
-    def _reached(self, node: Node) -> int:
+    def _reached(self, motion: Motion) -> int:
         """The location that a Place or Drop leads to: the nearest location in its frame, else away."""
-        let_go, frame = self._let_go(node), str(node.port("frame"))
-        name = str(node.port("object"))
+        let_go, axes = self._let_go(motion), 3 if motion.type == "Place" else 2
         distances = {
-            number: float(np.linalg.norm(np.subtract(location.position, let_go)[: 3 if node.kind == "Place" else 2]))
-            for number, location in enumerate(self.locations[name], start=FIRST_LOCATION)
-            if location.frame == frame
+            number: float(np.linalg.norm(np.subtract(location.position, let_go)[:axes]))
+            for number, location in enumerate(self.locations[motion.object], start=FIRST_LOCATION)
+            if location.frame == motion.frame
         }
         nearest = min(distances, key=lambda number: distances[number], default=AWAY)
-        near = nearest != AWAY and (node.kind == "Drop" or distances[nearest] < self.parameters.rests_m)
+        near = nearest != AWAY and (motion.type == "Drop" or distances[nearest] < self.parameters.rests_m)
         return nearest if near else AWAY
 
-    def _falls(self, node: Node, reached: int, layout: Layout) -> Bools:
+    def _falls(self, motion: Motion, reached: int, layout: Layout) -> Bools:
         """In which states what is let go has nothing beneath it: it is beside an object that lies upon another."""
-        name = str(node.port("object"))
-        location = self.locations[name][reached - FIRST_LOCATION] if reached != AWAY else None
+        location = self.locations[motion.object][reached - FIRST_LOCATION] if reached != AWAY else None
         if location is None or not self._is_beside(location):
             return np.zeros(layout.roots.shape[1], dtype=bool)
-        root, spot = self._spot(node, location.position, layout)
+        root, spot = self._spot(motion.frame, location.position, layout)
         return self._is_raised(location.frame, layout) & ~self._is_carried(
-            self.index[name], spot, root, layout, location.frame
+            self.index[motion.object], spot, root, layout, location.frame
         )
 
 
 def _drawn(states: States, count: int, rng: np.random.Generator) -> States:
     """So many of the states, in their order."""
     return states.take(np.sort(rng.permutation(len(states))[:count]))
-
-
-def _pose(node: Node) -> Pose:
-    return Pose(vector(node.port("position")), tuple(node.port("orientation")))  # type: ignore[arg-type]  # ports are checked by Tree
-
-
-def vector(value: Any) -> Vector:
-    """A port's value that is a position."""
-    x, y, z = value
-    return (x, y, z)

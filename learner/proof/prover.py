@@ -10,7 +10,7 @@ Where something held is let go in the air, every place at which it may come to r
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from learner.model import Node, Tree
+from learner.model import GripperIs, Node, SetGripper, Tree
 from learner.model.tree import ACTIONS, CONDITIONS, FALLBACKS, SEQUENCES
 from learner.proof.abstract_world import FIRST_LOCATION, AbstractWorld, Bools, Ints, Location, States
 from learner.proof.parameters import ProofParameters
@@ -106,7 +106,7 @@ class Ticks:
             states = self.states.take(here)
             after = self.world.after(leaf, states, self.layout.take(here))
             locations[:, here], closed[here] = after.locations, after.closed
-            if leaf.kind == "SetGripper" and leaf.port("state") == "open":
+            if leaf.word == SetGripper("open"):
                 elsewhere, column = self.world.thrown(states)
                 thrown.append(elsewhere)
                 of.append(here[column])
@@ -359,5 +359,5 @@ def _location(locations: Sequence[Location], number: int) -> str:
 
 
 def _word(node: Node) -> str:
-    ports: Mapping[str, Any] = dict(node.ports)
-    return f"{node.kind} {ports.get('object', ports.get('state'))}"
+    word = node.word
+    return f"{node.kind} {word.state if isinstance(word, GripperIs | SetGripper) else word.object}"

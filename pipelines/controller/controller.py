@@ -20,7 +20,8 @@ from typing import Any, Final, Literal
 from learner.execution.engine import Engine
 from learner.execution.perception import condition_of
 from learner.execution.ticking import Status
-from learner.model.condition import Condition, GripperState
+from learner.model.action import SetGripper
+from learner.model.condition import Condition, GripperIs, GripperState, InGripper
 from learner.model.tree import CONDITIONS, Node
 from pipelines.controller.cell_link import Answer, CellLink, PendingAnswer
 from pipelines.controller.trace import Trace
@@ -62,9 +63,13 @@ class Result:
 
 def described(node: Node) -> str:
     """A leaf in few words: `Pick A in box`."""
-    ports = dict(node.ports)
-    words = [node.kind, *(str(ports[name]) for name in ("object", "state") if name in ports)]
-    return " ".join([*words, f"in {ports['frame']}"] if "frame" in ports else words)
+    match node.word:
+        case GripperIs(state) | SetGripper(state):
+            return f"{node.kind} {state}"
+        case InGripper(name):
+            return f"{node.kind} {name}"
+        case word:
+            return f"{node.kind} {word.object} in {word.frame}"
 
 
 class Execution:
@@ -87,9 +92,8 @@ class Execution:
     @property
     def gripper_expected(self) -> GripperState | None:
         """What the gripper must say once the action has succeeded."""
-        if self.node.kind == "SetGripper":
-            return "open" if self.node.port("state") == "open" else "closed"
-        return "closed" if self.node.kind == "Pick" else "open"
+        word = self.node.word
+        return word.state if isinstance(word, SetGripper) else "closed" if self.node.kind == "Pick" else "open"
 
 
 class CellLeaves:
