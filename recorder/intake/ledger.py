@@ -74,12 +74,10 @@ class _Account:
     stamps: dict[int, int] = field(default_factory=dict)
     """When the last samples were published [ns], by number."""
 
-    def remember(self, number: int, stamp_ns: int) -> None:
-        """Keep the stamp of a sample, and forget the older half where there are too many."""
-        self.stamps[number] = stamp_ns
-        if len(self.stamps) >= 2 * _MEMORY:
-            for old in list(islice(self.stamps, _MEMORY)):
-                del self.stamps[old]
+    def forget_older(self) -> None:
+        """Forget the older half of the stamps."""
+        for old in list(islice(self.stamps, _MEMORY)):
+            del self.stamps[old]
 
     def began_anew(self, number: int, stamp_ns: int, cached: bool) -> bool:
         """Whether a sample with a number of the past is none of the past ones, but of a publisher that returned."""
@@ -168,19 +166,21 @@ class Ledger:
         account = self._accounts.get(source)
         if account is None:
             account = self._accounts[source] = _Account(topic, number, number, stamp_ns, self._counting)
-        ahead = (number - account.next) % _WRAP
-        if ahead >= _LONGEST_GAP:
-            return self._arrived_behind(account, source, number, stamp_ns, cached)
-        if ahead:
+        if number != account.next:
+            ahead = (number - account.next) % _WRAP
+            if ahead >= _LONGEST_GAP:
+                return self._arrived_behind(account, source, number, stamp_ns, cached)
             self._up_to(account, source, number, stamp_ns)
         account.next = (number + 1) % _WRAP
         account.seen_ns = stamp_ns
-        account.remember(number, stamp_ns)
+        account.stamps[number] = stamp_ns
+        if len(account.stamps) >= 2 * _MEMORY:
+            account.forget_older()
         return True
 
     def _arrived_behind(self, account: _Account, source: Source, number: int, stamp_ns: int, cached: bool) -> bool:
         if _fill(account, number):
-            account.remember(number, stamp_ns)
+            account.stamps[number] = stamp_ns
             return True
         if not account.began_anew(number, stamp_ns, cached):
             return False
