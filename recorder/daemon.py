@@ -22,7 +22,7 @@ import zenoh
 from learner.model import check_name
 from recorder import disk, wire
 from recorder.control import Start, parse_outcome, parse_request
-from recorder.errors import RecorderError, RequestRefusedError, SecondRecorderError
+from recorder.errors import PayloadError, RecorderError, RequestRefusedError, SecondRecorderError
 from recorder.feedback import NOT_WATCHING, Finding, Plausible, Sightings, gaps_near_actions, judge
 from recorder.intake.caches import Caches
 from recorder.intake.receiving import Arrival, Patterns, Receiver
@@ -196,6 +196,8 @@ class Recorder:
             work()
         except (RecorderError, OSError) as error:
             self._alarm(_sentence(error))
+        except Exception as error:  # noqa: BLE001  # whatever one message brought up, the next request is answered
+            self._alarm(f"a defect of the recorder: {type(error).__name__}: {error}")
 
     def _answer_status(self) -> None:
         while (query := self._status_requests.get()) is not None:
@@ -555,11 +557,10 @@ def _finish(
 
 def _press(payload: bytes) -> dict[str, Any] | None:
     try:
-        press = json.loads(payload)
-    except (ValueError, RecursionError):
+        press = wire.parse_action(payload)
+    except PayloadError:
         return None
-    whole = isinstance(press, dict) and type(press.get("stamp_ns")) is int and isinstance(press.get("type"), str)
-    return press if whole else None
+    return {"stamp_ns": press.stamp_ns, "type": press.type, "object": press.object}
 
 
 def _new_id(task: str) -> str:

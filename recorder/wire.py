@@ -195,6 +195,9 @@ def _stamped(payload: bytes) -> dict[str, Any]:
     """The JSON object of a payload, with its stamp in whole nanoseconds."""
     try:
         content = json.loads(payload)
+        if b"\\u" in payload:
+            # Half of a surrogate pair can be written in JSON, and can be told to nobody.
+            json.dumps(content, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
         raise PayloadError(f"is not JSON: {error!s:.80}") from error
     stamp = content.get("stamp_ns") if isinstance(content, dict) else None

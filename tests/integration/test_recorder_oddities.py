@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import zenoh
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from support_recorder import START, Cell, recording_cell, wait_for
+from support_recorder import PREFIX, START, Cell, recording_cell, wait_for
 
 from learner.errors import DemonstrationRefusedError
 from learner.model import Pose
 from learner.observation import observe
 from recorder.errors import RecorderError
 from recorder.recording import read_recording
-from recorder.wire import NS, pose_message
+from recorder.wire import NS, action_message, gripper_message, pose_message
 
 NAMES = ("A", "B", "tool0")
 POSES = {"A": Pose((0.3, 0.0, 0.1)), "B": Pose((0.0, 0.3, 0.1)), "tool0": Pose((0.3, 0.0, 0.1))}
@@ -169,3 +172,38 @@ def test_a_clock_that_is_set_while_recording_is_told_and_the_account_goes_on(cel
     demonstration = observe(read_recording([Path(stopped["file"])]))
     assert demonstration.actions[0].object == "A"
     assert any(f"was set {way}" in warning for warning in demonstration.warnings)
+
+
+def odd_payloads(count: int) -> list[bytes]:
+    """Valid messages of every kind, each mutated in a few bytes, and some that are nothing at all."""
+    rng = np.random.default_rng(7)
+    stamp_ns = time.time_ns()
+    right = [
+        usual(stamp_ns),
+        gripper_message(stamp_ns, "open", 0.08),
+        action_message(stamp_ns, "pick", object="A"),
+    ]
+    odd = [b"", b"\xff" * 9, b"[" * 50_000, b'{"stamp_ns": 1, "type": "\\ud800"}', b'{"stamp_ns": 1e400}', b"9" * 5000]
+    for number in range(count):
+        payload = bytearray(right[number % 3])
+        for index in rng.integers(0, len(payload), 3):
+            payload[index] = rng.integers(256)
+        odd.append(bytes(payload))
+    return odd
+
+
+def test_whatever_is_published_is_recorded_and_the_rest_goes_on(cell: Cell) -> None:
+    odd = odd_payloads(200)
+    keys = ["poses", "gripper", "action", "signals/door", "x" * 3000, "ünï/cödé/…", "a b/%00?", "recorder"]
+    cell.ask("start", START)
+    for number, payload in enumerate(odd):
+        for key in (*keys[:3], keys[3 + number % 5]):
+            cell.session.put(
+                f"{PREFIX}/{key}".replace("?", ""), payload, congestion_control=zenoh.CongestionControl.BLOCK
+            )
+    stopped = cell.ask("stop", {"outcome": "success"})
+    assert [stopped["messages"][f"/{key}"] for key in keys[:3]] == [len(odd)] * 3
+    assert not any("defect" in told.get("alarm", "") for told in cell.events)
+    with contextlib.suppress(DemonstrationRefusedError, RecorderError):
+        observe(read_recording([Path(stopped["file"])]))
+    assert demonstrate(cell, usual) == ([], "")
