@@ -108,6 +108,7 @@ class Ledger:
         self._accounts: dict[Source, _Account] = {}
         self._unnumbered: set[str] = set()
         self._refused: list[Loss] = []
+        self._most_refused = _MOST_GAPS
         self._unwritten: Counter[str] = Counter()
         self._ended: list[Loss] = []
         """What accounts that are closed had lost of the present recording."""
@@ -215,8 +216,9 @@ class Ledger:
             self._refused[-1] = replace(last, count=last.count + 1, end_ns=stamp_ns)
         else:
             self._refused.append(Loss(topic, 1, stamp_ns, stamp_ns))
-        if len(self._refused) > _MOST_GAPS:
+        if len(self._refused) > self._most_refused:
             self._refused[:] = _merged(self._refused)
+            self._most_refused = max(_MOST_GAPS, 2 * len(self._refused))
 
     def unwritten(self, topic: str, count: int) -> None:
         """Samples that had been kept could not be written."""
@@ -346,7 +348,9 @@ def _join_oldest(gaps: list[Gap]) -> None:
 
 def _merged(losses: list[Loss]) -> list[Loss]:
     """One loss a topic, from the first moment to the last."""
-    topics = {loss.topic: [each for each in losses if each.topic == loss.topic] for loss in losses}
+    topics: dict[str, list[Loss]] = {}
+    for loss in losses:
+        topics.setdefault(loss.topic, []).append(loss)
     return [
         Loss(topic, sum(each.count for each in same), same[0].begin_ns, same[-1].end_ns)
         for topic, same in topics.items()

@@ -189,3 +189,11 @@ def test_numbers_that_nobody_can_have_come_to_are_a_new_account_too() -> None:
     assert ledger.arrived("/force", S, 2**31 - 5, 7)
     assert ledger.arrived("/force", S, 2**31 - 3, 9)
     assert ledger.lost() == {"/force": 1}
+
+
+def test_refusals_of_any_number_of_topics_are_counted() -> None:
+    ledger = counting()
+    for number in range(20_000):
+        ledger.refused(f"/key{number % 6000}", None, number)
+    assert sum(ledger.refusals.values()) == 20_000
+    assert len(ledger.refusals) == 6000
