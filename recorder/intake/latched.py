@@ -51,7 +51,10 @@ class Latched:
         self._ask(f"{key}?_max=1")
 
     def keep(self, end: bool = False) -> None:
-        """Hand over what has proved to be latched, at the `end` of a file without waiting any longer."""
+        """Hand over what has proved to be latched; at the `end` of a file as soon as all questions are answered."""
+        end_s = time.monotonic() + TIMEOUT_S
+        while end and self._asked and time.monotonic() < end_s:
+            time.sleep(0.005)
         with self._lock:
             if not self._held or not (end or time.monotonic() >= self._due_s) or not self._receiver.recording:
                 return
