@@ -15,9 +15,9 @@ from typing import Final
 from learner.errors import TreeError
 from learner.model.action import Motion, SetGripper
 from learner.model.condition import Condition, GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
-from learner.model.holding import Grasp, Sighting, Sizes, grasped, rotated
+from learner.model.holding import Grasp, Sighting, Sizes, grasped
 from learner.model.names import NONE
-from learner.model.pose import Pose, Vector
+from learner.model.pose import Pose, Vector, rotated
 from learner.model.tree import Node
 
 UNSEEN_NS: Final = 10_000_000_000

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from learner.model.pose import Quaternion, Vector
+from learner.model.pose import Quaternion, Vector, rotated
 
 NEAR_M: Final = 0.05
 """What the gripper closed on is the object whose body is nearest to the end-effector within this distance [m]."""
@@ -117,11 +117,3 @@ def inside(frame: Sighting, point: Vector) -> Vector:
     """A point of the base in the coordinates of a frame."""
     (a, b, c), (x, y, z, w) = frame
     return rotated((-x, -y, -z, w), (point[0] - a, point[1] - b, point[2] - c))
-
-
-def rotated(quaternion_xyzw: Quaternion, point: Vector) -> Vector:
-    """As learner.model.pose.rotate, for one point and without arrays."""
-    x, y, z, w = quaternion_xyzw
-    px, py, pz = point
-    cx, cy, cz = 2 * (y * pz - z * py), 2 * (z * px - x * pz), 2 * (x * py - y * px)
-    return (px + w * cx + y * cz - z * cy, py + w * cy + z * cx - x * cz, pz + w * cz + x * cy - y * cx)

@@ -83,31 +83,34 @@ class Pose:
 
     def __post_init__(self) -> None:
         position = _finite(self.position, 3, "position")
-        quaternion = _finite(self.quaternion_xyzw, 4, "quaternion")
-        norm = math.sqrt(sum(value * value for value in quaternion))
+        x, y, z, w = quaternion = _finite(self.quaternion_xyzw, 4, "quaternion")
+        norm = math.sqrt(x * x + y * y + z * z + w * w)
         if norm < 1e-6:
             raise ModelError(f"the quaternion {quaternion} has no direction")
         if abs(norm - 1.0) > 1e-12:
-            quaternion = tuple(value / norm for value in quaternion)
+            quaternion = (x / norm, y / norm, z / norm, w / norm)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "quaternion_xyzw", quaternion)
 
     def __matmul__(self, other: Pose) -> Pose:
         """`pose_a_in_base @ pose_b_in_a` is `pose_b_in_base`."""
-        quaternion = np.array(self.quaternion_xyzw)
-        position = np.array(self.position) + rotate(quaternion, np.array(other.position))
-        return Pose.of(position, multiply(quaternion, np.array(other.quaternion_xyzw)))
+        return Pose(self._applied(other.position), _product(self.quaternion_xyzw, other.quaternion_xyzw))
 
     def inverse(self) -> Pose:
         """`pose_a_in_base.inverse()` is `pose_base_in_a`."""
-        quaternion = conjugate(np.array(self.quaternion_xyzw))
-        return Pose.of(-rotate(quaternion, np.array(self.position)), quaternion)
+        x, y, z, w = self.quaternion_xyzw
+        back = (-x, -y, -z, w)
+        a, b, c = rotated(back, self.position)
+        return Pose((-a, -b, -c), back)
 
     def apply(self, point: Sequence[float] | Array) -> Vector:
         """A point (3,) of this frame, in the frame in which this pose is given."""
-        turned = rotate(np.array(self.quaternion_xyzw), np.asarray(point, dtype=np.float64))
-        x, y, z = (np.array(self.position) + turned).tolist()
-        return (x, y, z)
+        x, y, z = point
+        return self._applied((float(x), float(y), float(z)))
+
+    def _applied(self, point: Vector) -> Vector:
+        (x, y, z), (a, b, c) = self.position, rotated(self.quaternion_xyzw, point)
+        return (x + a, y + b, z + c)
 
     @staticmethod
     def of(position: Sequence[float] | Array, quaternion_xyzw: Sequence[float] | Array) -> Pose:
@@ -115,8 +118,32 @@ class Pose:
         return Pose(tuple(float(v) for v in position), tuple(float(v) for v in quaternion_xyzw))  # type: ignore[arg-type]  # lengths are checked at construction
 
 
+def rotated(quaternion_xyzw: Quaternion, point: Vector) -> Vector:
+    """As `rotate`, for one point: an array of three numbers costs more than all that is done with them."""
+    x, y, z, w = quaternion_xyzw
+    px, py, pz = point
+    tx, ty, tz = 2.0 * (y * pz - z * py), 2.0 * (z * px - x * pz), 2.0 * (x * py - y * px)
+    return (
+        px + w * tx + (y * tz - z * ty),
+        py + w * ty + (z * tx - x * tz),
+        pz + w * tz + (x * ty - y * tx),
+    )
+
+
+def _product(a_xyzw: Quaternion, b_xyzw: Quaternion) -> Quaternion:
+    """As `multiply`, for one pair."""
+    ax, ay, az, aw = a_xyzw
+    bx, by, bz, bw = b_xyzw
+    return (
+        aw * bx + bw * ax + (ay * bz - az * by),
+        aw * by + bw * ay + (az * bx - ax * bz),
+        aw * bz + bw * az + (ax * by - ay * bx),
+        aw * bw - (ax * bx + ay * by + az * bz),
+    )
+
+
 def _finite(values: Sequence[float], length: int, what: str) -> tuple[float, ...]:
-    numbers = tuple(float(value) for value in values)
-    if len(numbers) != length or not all(math.isfinite(number) for number in numbers):
+    numbers = tuple(map(float, values))
+    if len(numbers) != length or not all(map(math.isfinite, numbers)):
         raise ModelError(f"a {what} is {length} finite numbers, not {tuple(values)}")
     return numbers

@@ -75,9 +75,11 @@ class Node:
 
     def walk(self) -> Iterator[Node]:
         """This node and all below it, depth first, left to right."""
-        yield self
-        for child in self.children:
-            yield from child.walk()
+        left = [self]
+        while left:
+            node = left.pop()
+            yield node
+            left.extend(reversed(node.children))
 
     @property
     def size(self) -> int:
@@ -201,7 +203,15 @@ class Tree:
 
         Without `recovery`, the SubTrees that only recover (CONTRACT, section 3) are left out.
         """
-        return _flatten(self.main.root, self.definitions, {}, recovery)
+        return self._whole if recovery else self._nominal
+
+    @cached_property
+    def _whole(self) -> Node:
+        return _flatten(self.main.root, self.definitions, {}, recovery=True)
+
+    @cached_property
+    def _nominal(self) -> Node:
+        return _flatten(self.main.root, self.definitions, {}, recovery=False)
 
     @property
     def nodes(self) -> int:

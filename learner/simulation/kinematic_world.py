@@ -24,9 +24,9 @@ from learner.errors import LearnerError
 from learner.execution.ticking import Status
 from learner.model import Node, Pose
 from learner.model.condition import GripperState
-from learner.model.holding import Grasp, Sighting, Sizes, grasped, rotated
+from learner.model.holding import Grasp, Sighting, Sizes, grasped
 from learner.model.names import NONE
-from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector
+from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector, rotated
 from learner.model.tree import Value
 from learner.simulation.failure import Failure
 from learner.simulation.gravity import GIVE_M, Body, Spot, Table

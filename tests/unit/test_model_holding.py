@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learner.model.holding import NEAR_M, SLIP_M, SLIP_NS, grasped, inside, rotated
-from learner.model.pose import IDENTITY_XYZW, Pose, Quaternion, Vector
+from learner.model.holding import NEAR_M, SLIP_M, SLIP_NS, grasped, inside
+from learner.model.pose import IDENTITY_XYZW, Pose, Quaternion, Vector, rotated
 
 DOWN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 CUBE: Vector = (0.05, 0.05, 0.05)
