@@ -18,7 +18,7 @@ from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage, spread_evenly
 
-MOST_TRIALS: Final = 100
+MOST_TRIALS: Final = 60
 """So many demonstrations are tried in all at most, the same number of each user, spread evenly over all that they gave
 ..."""
 LEAST_TRIALS: Final = 3

@@ -1,45 +1,127 @@
-"""How long learning takes as demonstrations grow in number: our method beside the plain one, on the same kitting task.
+"""What learning costs: whole commands, what each further demonstration adds, and clustering alone, with memory.
 
-Ratios of one run, on one core: to the time for ten demonstrations (about linear is about 3 and 10), and to the plain
-method's. Proving the tree is timed apart, since it depends on the tree and not on how many demonstrations there were.
+    commands       `treewright learn` on a lake that is filled, process start included: ours, the plain method, their
+                   ratio, and the peak of memory
+    understanding  all up to the groups, in this process: seconds, per demonstration, and growth against the number
+    clustering     DBSCAN of many positions of an honest distribution in every candidate frame: what was demonstrated is
+                   tight in the true frame, loose in that of a container, and anywhere in the others
+
+Figures of one run on one machine; compare the ratios. `python -m tests.bench learner` takes about two minutes.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import resource
+import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from learner.learning import METHODS
+from learner.inference.dbscan import dbscan
+from learner.inference.parameters import InferenceParameters
+from learner.inference.understanding import understand
 from learner.model import Demonstration
-from learner.parameters import Parameters
-from learner.proof.prover import prove
+from pipelines.home import Home
+from storage.lake import Lake
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the experiments make the demonstrations
 from experiments.demonstrator import demonstrated
 from experiments.scenarios import SCENARIOS
+from experiments.users import EXPERT
 
-COUNTS = (10, 30, 100)
+COMMANDS = (
+    ("object_in_box", 3, 1),
+    ("tower_and_box", 5, 1),
+    ("hanoi", 5, 1),
+    ("kitting6", 10, 1),
+    ("kitting4", 400, 20),
+    ("object_in_box", 2000, 20),
+)
+COUNTS = (1_000, 10_000, 100_000)
+SHOWN = 500
+"""So many different demonstrations are simulated; more are these again under other names."""
+POINTS = (10_000, 100_000, 1_000_000)
+FRAMES = {"true": (0.003, 0.003, 0.003), "container": (0.02, 0.02, 0.003), "other": (0.3, 0.2, 0.01)}
+"""The scatter per axis [m] of what was demonstrated, in each frame."""
 
 
 def main() -> None:
-    """Print the table."""
-    shown = demonstrated(SCENARIOS["kitting6"], max(COUNTS), 7)
-    METHODS["paper"](shown[:3], Parameters())  # the first call loads what it needs
-    seconds = {(name, n): _seconds(name, shown[:n]) for name in METHODS for n in COUNTS}
-    print(f"{'kitting6':>12} {'seconds':>8} {'to ten':>7} {'nodes':>6} {'to plain':>9}")
-    for (name, n), (spent, nodes) in seconds.items():
-        to_ten, to_plain = spent / seconds[name, COUNTS[0]][0], spent / seconds["paper", n][0]
-        print(f"{name:>8} {n:>3} {spent:8.2f} {to_ten:7.1f} {nodes:6} {to_plain:9.2f}")
-    tree = METHODS["treewright"](shown[:3], Parameters()).tree
-    begin = time.perf_counter()
-    certificate = prove(tree, "base", np.random.default_rng(0), levels=5)
-    print(f"the proof of {certificate.states} states took {time.perf_counter() - begin:.1f} s")
+    """Print the three tables."""
+    _commands()
+    _understanding()
+    _clustering()
 
 
-def _seconds(name: str, demonstrations: list[Demonstration]) -> tuple[float, int]:
+def _commands() -> None:
+    print(f"{'learn':>14} {'demos':>6} {'users':>5} {'ours s':>7} {'plain s':>8} {'ratio':>6} {'MB':>5}")
+    for name, count, users in COMMANDS:
+        with tempfile.TemporaryDirectory() as folder:
+            crew = [replace(EXPERT, name=f"u{number:02d}") for number in range(users)]
+            Lake(Home(Path(folder)).lake).add_all(demonstrated(SCENARIOS[name], count, 5, crew))
+            ours, memory_mb = _timed(folder, name)
+            plain, _ = _timed(folder, name, "--method", "paper")
+        print(
+            f"{name:>14} {count:6} {users:5} {ours:7.1f} {plain:8.1f} {ours / plain:6.2f} {memory_mb:5.0f}", flush=True
+        )
+
+
+def _timed(folder: str, task: str, *options: str) -> tuple[float, float]:
+    """Seconds of the whole command, and its peak of memory [MB]."""
+    command = [sys.executable, "-m", "pipelines.cli", "learn", task, "--json", *options]
     begin = time.perf_counter()
-    tree = METHODS[name](demonstrations, Parameters()).tree
-    return time.perf_counter() - begin, tree.nodes
+    child = subprocess.Popen(command, env={**os.environ, "TREEWRIGHT_HOME": folder}, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        raise RuntimeError(f"{' '.join(command)} ended with {child.returncode}")
+    return time.perf_counter() - begin, usage.ru_maxrss / 1024
+
+
+def _understanding() -> None:
+    shown = demonstrated(SCENARIOS["object_in_box"], SHOWN, 7)
+    print(f"{'understanding':>14} {'seconds':>8} {'ms each':>8} {'to first':>9} {'MB':>6}")
+    first = 0.0
+    for count in COUNTS:
+        spent, memory_mb = _in_a_process(_understood, _tiled(shown, count))
+        first = first or spent / count
+        each = spent / count
+        print(f"{count:14} {spent:8.2f} {1000 * each:8.3f} {each / first:9.2f} {memory_mb:6.0f}", flush=True)
+
+
+def _tiled(shown: Sequence[Demonstration], count: int) -> list[Demonstration]:
+    return [replace(shown[n % len(shown)], demonstration_id=f"d{n:06d}") for n in range(count)]
+
+
+def _understood(demonstrations: Sequence[Demonstration]) -> None:
+    understand(demonstrations, InferenceParameters())
+
+
+def _clustering() -> None:
+    parameters = InferenceParameters()
+    print(f"{'clustering':>14} {'frame':>10} {'seconds':>8} {'us each':>8} {'MB':>6}")
+    for count in POINTS:
+        for frame, scatter_m in FRAMES.items():
+            points = np.random.default_rng(3).normal(0.0, scatter_m, (count, 3))
+            least, eps_m = parameters.samples_for(count), parameters.eps_wide_m
+            spent, memory_mb = _in_a_process(dbscan, points, eps_m, least)
+            print(f"{count:14} {frame:>10} {spent:8.2f} {1e6 * spent / count:8.2f} {memory_mb:6.0f}", flush=True)
+
+
+def _in_a_process(work: Callable[..., object], *arguments: object) -> tuple[float, float]:
+    """Seconds of some work in a process of its own, and that process's peak of memory [MB]."""
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        found: tuple[float, float] = pool.apply(_measured, (work, *arguments))
+        return found
+
+
+def _measured(work: Callable[..., object], *arguments: object) -> tuple[float, float]:
+    begin = time.perf_counter()
+    work(*arguments)
+    return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
