@@ -167,10 +167,12 @@ def action_message(stamp_ns: int, kind: str, **more: Any) -> bytes:
 def parse_action(payload: bytes) -> ActionPress:
     """Raises PayloadError. Whether its type is one of the contract's is for those who judge it."""
     content = _stamped(payload)
-    kind, name = content.get("type"), content.get("object")
+    kind, name, signal, value = (content.get(field) for field in ("type", "object", "signal", "value"))
     if not isinstance(kind, str) or not (name is None or isinstance(name, str)):
         raise PayloadError(f"needs a type and may name an object: {content!s:.80}")
-    return ActionPress(content["stamp_ns"], kind, name)
+    if not (signal is None or isinstance(signal, str)) or not isinstance(value, bool | int | float | str | None):
+        raise PayloadError(f"may name a signal and its value, a truth, number or text: {content!s:.80}")
+    return ActionPress(content["stamp_ns"], kind, name, signal, value)
 
 
 def signal_message(stamp_ns: int, value: bool | float | str) -> bytes:

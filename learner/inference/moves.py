@@ -62,7 +62,7 @@ class Moves:
         return str(self.samples.demonstrations[self.demonstration[number]].demonstration_id)
 
     def last_step(self, number: int) -> int:
-        """The place in its demonstration of the last action of a move."""
+        """The number in its demonstration of the last action of a move."""
         row = self.pick[number] if self.release[number] == NONE else self.release[number]
         return int(self.samples.step[row])
 
@@ -87,7 +87,7 @@ def moves_of(samples: Samples, parameters: InferenceParameters) -> tuple[Moves, 
 
 def _pairs(samples: Samples) -> Moves:
     """Picks with their releases, in order. An observation guarantees that they alternate."""
-    picks = np.flatnonzero(samples.step % 2 == 0)
+    picks = np.flatnonzero(samples.type == "pick")
     following = np.minimum(picks + 1, len(samples) - 1)
     paired = (picks + 1 < len(samples)) & (samples.demonstration[following] == samples.demonstration[picks])
     return Moves(samples, picks, np.where(paired, following, NONE), np.zeros(len(picks), dtype=np.bool_))

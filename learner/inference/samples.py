@@ -195,13 +195,15 @@ class Samples:
 
     @property
     def step(self) -> Rows:
-        """The place (m,) of each sample in its demonstration."""
+        """The number (m,) of each sample in its demonstration; signals and what was taken back leave gaps."""
         return self.columns.step[self.rows]
 
     @property
     def progress(self) -> Array:
         """How much of its demonstration was done when each sample ended (m,), from 0 to 1."""
-        return np.asarray(self.step / self.columns.lengths[self.columns.demonstration[self.rows]])
+        demonstrations = self.columns.demonstration
+        place = self.rows - np.searchsorted(demonstrations, demonstrations[self.rows])
+        return np.asarray(place / self.columns.lengths[demonstrations[self.rows]])
 
     @property
     def type(self) -> Names:

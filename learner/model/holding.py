@@ -68,10 +68,15 @@ class Grasp:
 
 def grasped(end_effector: Sighting, objects: Mapping[str, Sighting], sizes: Sizes) -> Grasp | None:
     """What a gripper holds that closes here; None if no body is within NEAR_M."""
-    hollow = _hollow(objects, sizes)
-    near = (_grasp(end_effector, name, objects[name], sizes.get(name), name in hollow) for name in objects)
-    nearest = min(near, key=lambda grasp: grasp.nearness, default=None)
+    nearest = next(iter(reaches(end_effector, objects, sizes)), None)
     return nearest if nearest is not None and nearest.reach_m <= NEAR_M else None
+
+
+def reaches(end_effector: Sighting, objects: Mapping[str, Sighting], sizes: Sizes) -> list[Grasp]:
+    """Every object as the gripper would hold it that closes here, the nearest body first, however far."""
+    hollow = _hollow(objects, sizes)
+    grasps = (_grasp(end_effector, name, objects[name], sizes.get(name), name in hollow) for name in objects)
+    return sorted(grasps, key=lambda grasp: grasp.nearness)
 
 
 def _grasp(end_effector: Sighting, name: str, seen: Sighting, size_m: Vector | None, hollow: bool) -> Grasp:

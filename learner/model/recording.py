@@ -35,11 +35,16 @@ class GripperSample:
 
 @dataclass(frozen=True)
 class ActionPress:
-    """The operator's press of a button: `type` is 'pick', 'place' or 'drop'; `object` may be left out."""
+    """The operator's press of a button: `type` is 'pick', 'place', 'drop', 'signal' or 'undo'.
+
+    The `object` of the first three may be left out; `signal` and `value` are those of a machine's signal that is set.
+    """
 
     stamp_ns: int
     type: str
     object: str | None
+    signal: str | None = None
+    value: bool | float | str | None = None
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """`treewright learn TASK`: cluster, infer, plan, verify, publish, set alias `latest`.
 
-With --json: {"task", "version", "digest", "nodes", "nodes_recovery", "aliases", "notes", "new"}. Where PREFECT_API_URL
-is set the flow runs and is seen there; else the same functions run directly.
+With --json: {"task", "version", "digest", "nodes", "nodes_recovery", "aliases", "notes", "doubts", "new"}. Where
+PREFECT_API_URL is set the flow runs and is seen there; else the same functions run directly.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     console.say(_summary(lesson))
     for note in lesson.notes:
         console.say(f"  note: {note}")
+    for doubt in lesson.doubts:
+        console.say(f"  doubt: {doubt.sentence}")
     return 0
 
 

@@ -15,6 +15,7 @@ from learner.learned import Learned
 from learner.learning import DEFAULT_METHOD, learn
 from learner.model import Demonstration, check_name
 from learner.observation import warnings_of
+from learner.observation.doubts import Doubt, doubts_of
 from learner.parameters import Parameters
 from learner.planning.actions import scene_of
 from pipelines.console import silent_standard_error
@@ -51,6 +52,7 @@ class Lesson:
     nodes_recovery: int
     aliases: tuple[str, ...]
     notes: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
     new: bool
 
     def to_data(self) -> dict[str, Any]:
@@ -114,6 +116,7 @@ def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str)
         nodes_recovery=learned.tree.nodes_recovery,
         aliases=tuple(names),
         notes=notes_of(choice, learned),
+        doubts=doubts_about(choice),
         new=published.new,
     )
 
@@ -144,7 +147,13 @@ def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]
         "certificate": learned.certificate,
         "report": learned.report,
         "notes": list(notes_of(choice, learned)),
+        "doubts": [doubt.to_data() for doubt in doubts_about(choice)],
     }
+
+
+def doubts_about(choice: Choice) -> tuple[Doubt, ...]:
+    """What the demonstrations leave in doubt about the tree (CONTRACT, section 3)."""
+    return doubts_of(_ordered(choice.demonstrations))
 
 
 def notes_of(choice: Choice, learned: Learned) -> tuple[str, ...]:

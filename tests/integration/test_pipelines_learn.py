@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import cast
 
 import pytest
 from support_recordings import object_in_box
@@ -96,6 +97,20 @@ def test_the_manifest_tells_the_numbers_as_they_were_used(home: Home) -> None:
         told = store.get(TASK).manifest["lineage"]["parameters"]
     assert told == json.loads(json.dumps(numbers.to_data()))
     assert (told["planning"]["recovery"]["spots"], told["proof"]["exhaustive"]) == (3, 500_000)
+
+
+def test_a_signal_is_told_as_a_doubt_of_the_tree(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
+    for seed in range(3):
+        pick, drop = (take := object_in_box(seed)).presses()
+        signal = {"stamp_ns": pick["stamp_ns"] + 10**9, "type": "signal", "signal": "door", "value": True}
+        take.with_presses([pick, signal, drop]).write(home.recordings / f"{seed}.mcap")
+    assert not ingest(home, Lake(home.lake)).quarantined
+    (doubt,) = cast(list[dict[str, object]], learn(capsys)["doubts"])
+    assert doubt["demonstrations"] == [f"{TASK}-{seed}" for seed in range(3)]
+    assert (doubt["object"], doubt["what"]) == (None, "signal")
+    assert "sets door to true" in str(doubt["sentence"])
+    with ArtifactStore(home.store) as store:
+        assert store.get(TASK).manifest["doubts"] == [doubt]
 
 
 def test_learning_again_from_the_same_makes_no_new_version(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
