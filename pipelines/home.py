@@ -46,7 +46,7 @@ class Home:
 
     @property
     def learned(self) -> Path:
-        """What the scheduled story learned from what, JSON by task."""
+        """What the scheduled refresh learned from what, JSON by task."""
         return self.root / "learned.json"
 
     @property

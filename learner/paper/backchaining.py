@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from learner.execution.ticking import Status
-from learner.model import Action, Condition, GripperIs, Node, compatible
+from learner.model import Action, Condition, GripperIs, InGripper, Node, SetGripper, compatible
 from learner.model.names import NONE
 from learner.model.tree import fallback, leaf, sequence
 from learner.paper.pointworld import PointWorld
@@ -229,4 +229,6 @@ def _effects(node: _Leaf | _Branch) -> set[Condition]:
 def _frames(goals: Iterable[Condition], operators: Iterable[Operator]) -> set[str]:
     """Every object and frame that is spoken of."""
     words = [*goals, *(word for o in operators for word in (o.action, *o.preconditions))]
-    return {getattr(word, what) for word in words for what in ("object", "frame") if hasattr(word, what)} - {NONE}
+    found = {word.object for word in words if not isinstance(word, GripperIs | SetGripper)}
+    framed = {word.frame for word in words if not isinstance(word, GripperIs | SetGripper | InGripper)}
+    return (found | framed) - {NONE}

@@ -169,5 +169,9 @@ def _members(
 
 
 def _describe(action: Action) -> dict[str, Any]:
-    frame = None if isinstance(action, SetGripper) else action.frame
-    return {"type": type(action).__name__, "object": getattr(action, "object", None), "frame": frame}
+    known = None if isinstance(action, SetGripper) else action
+    return {
+        "type": type(action).__name__,
+        "object": known.object if known else None,
+        "frame": known.frame if known else None,
+    }

@@ -15,7 +15,7 @@ from pipelines.console import Console
 from pipelines.home import Home
 
 if TYPE_CHECKING:
-    from pipelines.steps.ingest import Harvest
+    from pipelines.steps.ingest import IngestResult
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,34 +29,34 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     from pipelines.steps.stores import open_lake
 
     home = Home.current()
-    harvest = ingest(home, open_lake(home), arguments.files)
-    console.emit(harvest.to_data())
-    _tell(harvest, console)
-    if harvest.quarantined:
-        console.warn(_summary(harvest))
-    return 1 if harvest.quarantined else 0
+    result = ingest(home, open_lake(home), arguments.files)
+    console.emit(result.to_data())
+    _tell(result, console)
+    if result.quarantined:
+        console.warn(_summary(result))
+    return 1 if result.quarantined else 0
 
 
-def _tell(harvest: Harvest, console: Console) -> None:
+def _tell(result: IngestResult, console: Console) -> None:
     from learner.observation import warnings_of
     from pipelines.steps.ingest import doubts_about
 
-    for demonstration in harvest.ingested:
+    for demonstration in result.ingested:
         what = f"{demonstration.task} by {demonstration.user}, {len(demonstration.actions)} actions"
         console.say(f"ingested {demonstration.demonstration_id}: {what}, {demonstration.outcome}")
         for warning in (*warnings_of(demonstration), *demonstration.gaps, *doubts_about(demonstration)):
             console.say(f"  warning: {warning}")
-    for waiting in harvest.waiting:
+    for waiting in result.waiting:
         parts = ", ".join(map(str, waiting.parts))
         console.say(f"waiting for the other parts of {waiting.demonstration_id}; there are: {parts}")
-    for refused in harvest.quarantined:
+    for refused in result.quarantined:
         console.say(f"quarantined {refused.file}: {refused.reason}")
-    console.say(f"{len(harvest.ingested)} ingested, {len(harvest.known)} known, {len(harvest.quarantined)} quarantined")
-    for task in harvest.tasks:
+    console.say(f"{len(result.ingested)} ingested, {len(result.known)} known, {len(result.quarantined)} quarantined")
+    for task in result.tasks:
         console.say(f"learn from it with: treewright learn {task}")
 
 
-def _summary(harvest: Harvest) -> str:
-    first, more = harvest.quarantined[0], len(harvest.quarantined) - 1
+def _summary(result: IngestResult) -> str:
+    first, more = result.quarantined[0], len(result.quarantined) - 1
     others = f" (and {more} more)" if more else ""
     return f"quarantined {first.file}: {first.reason}{others}"

@@ -14,7 +14,7 @@ from pipelines.console import Console
 from pipelines.home import Home
 
 if TYPE_CHECKING:
-    from pipelines.steps.learn import Lesson
+    from pipelines.steps.learn import Publication
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,17 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0; what fails raises."""
-    lesson = _learn(arguments)
-    console.emit(lesson.to_data())
-    console.say(_summary(lesson))
-    for note in lesson.notes:
+    publication = _learn(arguments)
+    console.emit(publication.to_data())
+    console.say(_summary(publication))
+    for note in publication.notes:
         console.say(f"  note: {note}")
-    for doubt in lesson.doubts:
+    for doubt in publication.doubts:
         console.say(f"  doubt: {doubt.sentence}")
     return 0
 
 
-def _learn(arguments: argparse.Namespace) -> Lesson:
+def _learn(arguments: argparse.Namespace) -> Publication:
     from learner.learning import DEFAULT_METHOD
 
     home, method = Home.current(), arguments.method or DEFAULT_METHOD
@@ -65,7 +65,8 @@ def _method(name: str) -> str:
     return name
 
 
-def _summary(lesson: Lesson) -> str:
-    recovery = f" and {lesson.nodes_recovery} that only recover" if lesson.nodes_recovery else ""
-    what = "learned" if lesson.new else "nothing new: this tree was there already as"
-    return f"{what} {lesson.task}@{lesson.version} ({', '.join(lesson.aliases)}): {lesson.nodes} nodes{recovery}"
+def _summary(publication: Publication) -> str:
+    recovery = f" and {publication.nodes_recovery} that only recover" if publication.nodes_recovery else ""
+    what = "learned" if publication.new else "nothing new: this tree was there already as"
+    name = f"{publication.task}@{publication.version} ({', '.join(publication.aliases)})"
+    return f"{what} {name}: {publication.nodes} nodes{recovery}"

@@ -29,7 +29,7 @@ from pipelines.reference import Reference
 if TYPE_CHECKING:
     import zenoh
 
-    from pipelines.controller.controller import Result
+    from pipelines.controller.controller import RunResult
     from pipelines.controller.job import Job
 
 HOME_STORE: Final = ""
@@ -127,7 +127,7 @@ def _execute(arguments: argparse.Namespace, console: Console, job: Job, link: An
     return _told(console, job, result, file)
 
 
-def _told(console: Console, job: Job, result: Result, trace: Path) -> int:
+def _told(console: Console, job: Job, result: RunResult, trace: Path) -> int:
     console.emit({**asdict(result), "trace": str(trace)})
     console.say(f"{job.name}: {result.outcome} after {result.actions} actions, {result.ticks} ticks; trace {trace}")
     if result.outcome == "success":

@@ -52,7 +52,7 @@ Outcome = Literal["success", "failure", "timeout", "stopped", "lost"]
 
 
 @dataclass(frozen=True)
-class Result:
+class RunResult:
     """How a run ended, with a sentence that says why, and what it took; `actions` counts those that were started."""
 
     outcome: Outcome
@@ -249,7 +249,7 @@ class Controller:
         self._stuck_since_s: float | None = None
         self._reached = False
 
-    def run(self, stop: threading.Event, timeout_s: float | None = None, watch: bool = False) -> Result:
+    def run(self, stop: threading.Event, timeout_s: float | None = None, watch: bool = False) -> RunResult:
         """Tick until success has lasted, the tree has nothing left to try, the time is over, or `stop` is set.
 
         With `watch` success does not end it: the tree is ticked on, so that what is disturbed later is repaired, and
@@ -265,7 +265,7 @@ class Controller:
             still_moving = self._stop()
         outcome, reason = ended if still_moving is None else ("lost", f"{ended[1]}; {still_moving}")
         self._trace.write("outcome", outcome=outcome, reason=reason)
-        return Result(outcome, reason, self._trace.tick, self._leaves.actions)
+        return RunResult(outcome, reason, self._trace.tick, self._leaves.actions)
 
     def _loop(
         self, stop: threading.Event, started_s: float, timeout_s: float | None, watch: bool

@@ -1,1 +1,1 @@
-"""The demo: a whole line on one machine (`line`), taught and run by itself (`demo`)."""
+"""The demo: a whole line on one machine (`local_cell`), taught and run by itself (`demo`)."""

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pipelines.demo.line import RUN_S, Line, open_line
+from pipelines.demo.local_cell import RUN_S, LocalCell, open_local_cell
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from pipelines.service.child import Child
-from pipelines.service.prefect_server import run_story
-from pipelines.simulated_cell.operator import DemonstrationFailedError, Habits, demonstrate_scenario
+from pipelines.service.prefect_server import run_refresh
+from pipelines.simulated_cell.operator import Behavior, DemonstrationFailedError, demonstrate_scenario
 from recorder.recording import read_header
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ TASK: Final = "object_in_box"
 CUBE, BOX = "A", "box"
 TRIES: Final = 3
 """How often the operator may fail at one demonstration, as a person may drop a cube beside the box."""
-STORY_S: Final = 180.0
+REFRESH_S: Final = 180.0
 LATE_S: Final = 60.0
 """The controller ends by itself when its time is over; so much later it must have said so."""
 HOLDS_S: Final = 1.0
@@ -82,14 +82,14 @@ def demo(home: Home, settings: Settings, say: Say) -> Report:
     say(f"1. bringing up a simulated cell, its recorder, the store and a Prefect server in {home.root}")
     rng = np.random.default_rng(settings.seed)
     meanwhile = partial(_demonstrate, settings, rng, recorded, say)
-    with open_line(home, CELL, TASK, settings.seed, settings.speed, meanwhile) as line:
-        manifest = _learn(line, say)
-        pictures = _save_tree(line)
+    with open_local_cell(home, CELL, TASK, settings.seed, settings.speed, meanwhile) as local:
+        manifest = _learn(local, say)
+        pictures = _save_tree(local)
         say("4. the robot does it by itself, from a new start")
-        first = _run(line, rng, "from a new start", lambda _: iter(()))
+        first = _run(local, rng, "from a new start", lambda _: iter(()))
         _tell_run(first, say)
         say("5. and again, while the cube is taken away and the box moved")
-        second = _run(line, rng, "disturbed", partial(_disturb, line))
+        second = _run(local, rng, "disturbed", partial(_disturb, local))
         _tell_run(second, say)
     runs = (first, second)
     tree = {name: manifest[name] for name in ("task", "version", "digest", "nodes", "nodes_recovery", "nodes_written")}
@@ -114,7 +114,7 @@ def _one_demonstration(session: zenoh.Session, rng: np.random.Generator) -> dict
     """A demonstration that succeeded; one that did not is done again, as a person would."""
     for _ in range(TRIES):
         try:
-            reply = demonstrate_scenario(session, CELL, TASK, TASK, "operator", rng, Habits())
+            reply = demonstrate_scenario(session, CELL, TASK, TASK, "operator", rng, Behavior())
         except DemonstrationFailedError as error:
             failure = str(error)
             continue
@@ -124,35 +124,35 @@ def _one_demonstration(session: zenoh.Session, rng: np.random.Generator) -> dict
     raise CommandError(f"the operator failed {TRIES} times in a row; the last time: {failure}")
 
 
-def _learn(line: Line, say: Say) -> dict[str, Any]:
+def _learn(local: LocalCell, say: Say) -> dict[str, Any]:
     """Let the flows ingest and learn; returns the manifest, as the store serves it."""
-    say(f"3. the flows ingest and learn, to be seen on {line.prefect.removesuffix('/api')}")
-    run_story(line.home, line.prefect, STORY_S)
-    manifest: dict[str, Any] = _get_json(f"{line.http}/v1/tasks/{TASK}/latest")
+    say(f"3. the flows ingest and learn, to be seen on {local.prefect.removesuffix('/api')}")
+    run_refresh(local.home, local.prefect, REFRESH_S)
+    manifest: dict[str, Any] = _get_json(f"{local.http}/v1/tasks/{TASK}/latest")
     sources = len(manifest["lineage"]["demonstrations"])
     size = f"{manifest['nodes']} nodes, and {manifest['nodes_recovery']} that only recover"
     say(f"   {TASK}@{manifest['version']} from {sources} demonstrations: {size}")
     return manifest
 
 
-def _save_tree(line: Line) -> dict[str, str]:
+def _save_tree(local: LocalCell) -> dict[str, str]:
     """The tree and its picture, fetched over HTTP into the demo's folder."""
-    files = {"xml": line.home.root / f"{TASK}.xml", "picture": line.home.root / f"{TASK}.svg"}
+    files = {"xml": local.home.root / f"{TASK}.xml", "picture": local.home.root / f"{TASK}.svg"}
     for form, file in zip(("tree.xml", "tree.svg"), files.values(), strict=True):
-        file.write_bytes(_get(f"{line.http}/v1/tasks/{TASK}/latest/{form}"))
+        file.write_bytes(_get(f"{local.http}/v1/tasks/{TASK}/latest/{form}"))
     return {name: str(file) for name, file in files.items()}
 
 
-def _run(line: Line, rng: np.random.Generator, name: str, disturb: Callable[[Child], Iterator[str]]) -> Run:
+def _run(local: LocalCell, rng: np.random.Generator, name: str, disturb: Callable[[Child], Iterator[str]]) -> Run:
     """Let the controller run the tree from a new start while `disturb` does its work; judged by the world."""
-    line.ask("sim/reset", seed=int(rng.integers(2**31)))
+    local.ask("sim/reset", seed=int(rng.integers(2**31)))
     begin_s = time.monotonic()
-    with line.controller(TASK) as child:
+    with local.controller(TASK) as child:
         done = tuple(disturb(child))
         result = child.hear(RUN_S + LATE_S)
     return Run(
         name=name,
-        success=_goal_holds(line),
+        success=_goal_holds(local),
         outcome=result["outcome"],
         reason=result.get("reason"),
         actions=result["actions"],
@@ -163,32 +163,32 @@ def _run(line: Line, rng: np.random.Generator, name: str, disturb: Callable[[Chi
     )
 
 
-def _disturb(line: Line, child: Child) -> Iterator[str]:
+def _disturb(local: LocalCell, child: Child) -> Iterator[str]:
     """Midway: once the cube is held it is taken out of the gripper, and once it is held again the box is moved."""
-    if _await_held(line, child):
-        line.ask("sim/disturb", take_from_gripper={})
+    if _await_held(local, child):
+        local.ask("sim/disturb", take_from_gripper={})
         yield f"{CUBE} was taken out of the gripper and put elsewhere"
-    if _await_held(line, child):
-        line.ask("sim/disturb", object=BOX)
+    if _await_held(local, child):
+        local.ask("sim/disturb", object=BOX)
         yield f"{BOX} was moved while {CUBE} was carried"
 
 
-def _await_held(line: Line, child: Child) -> bool:
+def _await_held(local: LocalCell, child: Child) -> bool:
     """Wait until the cube is held; False if the controller ends before."""
     while child.code is None:
-        if line.ask("sim/truth")["held"] == CUBE:
+        if local.ask("sim/truth")["held"] == CUBE:
             return True
         time.sleep(LOOK_S)
     return False
 
 
-def _goal_holds(line: Line) -> bool:
+def _goal_holds(local: LocalCell) -> bool:
     """By the world's truth: the goal holds, has held for a second, and nothing is held."""
     until_s = time.monotonic() + 10 * HOLDS_S
-    truth = line.ask("sim/truth")
+    truth = local.ask("sim/truth")
     while truth["goal"] and truth["goal_held_s"] < HOLDS_S and time.monotonic() < until_s:
         time.sleep(LOOK_S)
-        truth = line.ask("sim/truth")
+        truth = local.ask("sim/truth")
     return bool(truth["goal"] and truth["goal_held_s"] >= HOLDS_S and truth["held"] is None)
 
 

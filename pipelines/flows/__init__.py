@@ -1,6 +1,6 @@
 """The Prefect flows, the only home of Prefect.
 
-    recordings ──▶ ingest ──▶ lake ──▶ learn ──▶ artifact store         story: ingest, then learn what changed
+    recordings ──▶ ingest ──▶ lake ──▶ learn ──▶ artifact store         refresh: ingest, then learn what changed
                      │                   │
                  quarantine      clusters, groups, tree                 shown as Prefect artifacts
 

@@ -1,6 +1,6 @@
 """The process that runs the deployed flows: `python -m pipelines.flows.deployments ROOT PERIOD_S`.
 
-The story runs on a schedule; ingest and learn wait to be asked for in Prefect's pages. One run at a time.
+The refresh runs on a schedule; ingest and learn wait to be asked for in Prefect's pages. One run at a time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from prefect.types.entrypoint import EntrypointType
 
 from pipelines.flows.ingest import ingest_flow
 from pipelines.flows.learn import learn_flow
-from pipelines.flows.story import story_flow
+from pipelines.flows.refresh import refresh_flow
 from pipelines.home import Home
 from pipelines.service.prefect_server import deployment_name
 
@@ -26,7 +26,7 @@ POLL_S: Final = 2.0
 def serve_flows(home: Home, period_s: float) -> None:
     """Deploy the flows for a data root and run what is scheduled, until SIGINT or SIGTERM."""
     serve(
-        _deployed(story_flow, home, interval=timedelta(seconds=period_s)),
+        _deployed(refresh_flow, home, interval=timedelta(seconds=period_s)),
         _deployed(ingest_flow, home),
         _deployed(learn_flow, home),
         limit=1,

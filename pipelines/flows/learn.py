@@ -9,9 +9,9 @@ from prefect import flow, task
 from learner.learned import Learned
 from learner.learning import DEFAULT_METHOD
 from pipelines.flows.patience import PATIENT
-from pipelines.flows.shown import show_learned, show_lesson
+from pipelines.flows.shown import show_learned, show_publication
 from pipelines.home import Home
-from pipelines.steps.learn import Choice, Lesson, choose, learn_from, publish
+from pipelines.steps.learn import Choice, Publication, choose, learn_from, publish
 from pipelines.steps.stores import open_lake, open_store
 
 
@@ -22,14 +22,14 @@ def learn_flow(
     method: str = DEFAULT_METHOD,
     include_unknown: bool = False,
     include_gaps: bool = False,
-) -> Lesson:
+) -> Publication:
     """Learn a task from the lake below the data root and publish its tree."""
     choice = choose_demonstrations(root, task_name, include_unknown, include_gaps)
     learned = learn_tree(choice, method)
     show_learned(task_name, learned)
-    lesson = publish_tree(root, choice, learned, method)
-    show_lesson(lesson, learned)
-    return lesson
+    publication = publish_tree(root, choice, learned, method)
+    show_publication(publication, learned)
+    return publication
 
 
 @task(name="choose demonstrations", **PATIENT)
@@ -45,7 +45,7 @@ def learn_tree(choice: Choice, method: str) -> Learned:
 
 
 @task(name="publish", **PATIENT)
-def publish_tree(root: str, choice: Choice, learned: Learned, method: str) -> Lesson:
+def publish_tree(root: str, choice: Choice, learned: Learned, method: str) -> Publication:
     """A version in the store, and `latest`."""
     with open_store(Home(Path(root))) as store:
         return publish(store, choice, learned, method)

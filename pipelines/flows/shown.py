@@ -11,21 +11,21 @@ from typing import Any
 from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
 
 from learner.learned import Learned
-from pipelines.steps.ingest import Harvest
-from pipelines.steps.learn import Lesson
+from pipelines.steps.ingest import IngestResult
+from pipelines.steps.learn import Publication
 from storage.picture import to_svg
 
 
-def show_harvest(harvest: Harvest) -> None:
+def show_ingested(result: IngestResult) -> None:
     """What was ingested, and the quarantine with its reasons."""
     rows = [
         {"demonstration": d.demonstration_id, "task": d.task, "user": d.user, "outcome": d.outcome}
-        for d in harvest.ingested
+        for d in result.ingested
     ]
     if rows:
         create_table_artifact(rows, key="ingested", description="demonstrations that are new in the lake")
-    if harvest.quarantined:
-        refused = [{"file": each.file, "reason": each.reason} for each in harvest.quarantined]
+    if result.quarantined:
+        refused = [{"file": each.file, "reason": each.reason} for each in result.quarantined]
         create_table_artifact(refused, key="quarantine", description="recordings that break the contract, and why")
 
 
@@ -36,13 +36,15 @@ def show_learned(task: str, learned: Learned) -> None:
             create_table_artifact(_cells(rows), key=artifact_key(what, task), description=f"{what} of {task}")
 
 
-def show_lesson(lesson: Lesson, learned: Learned) -> None:
+def show_publication(publication: Publication, learned: Learned) -> None:
     """The picture of the tree, and a page with its size and the notes."""
     picture = base64.b64encode(to_svg(learned.tree).encode()).decode()
-    name = f"{lesson.task}@{lesson.version}"
-    create_image_artifact(f"data:image/svg+xml;base64,{picture}", artifact_key("tree", lesson.task), f"tree of {name}")
-    page = _page(lesson, learned.certificate)
-    create_markdown_artifact(page, artifact_key("lesson", lesson.task), f"what was learned as {name}")
+    name = f"{publication.task}@{publication.version}"
+    create_image_artifact(
+        f"data:image/svg+xml;base64,{picture}", artifact_key("tree", publication.task), f"tree of {name}"
+    )
+    page = _page(publication, learned.certificate)
+    create_markdown_artifact(page, artifact_key("publication", publication.task), f"what was learned as {name}")
 
 
 def artifact_key(what: str, task: str) -> str:
@@ -58,12 +60,13 @@ def _cells(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _page(lesson: Lesson, certificate: Mapping[str, Any] | None) -> str:
-    notes = "".join(f"- {note}\n" for note in lesson.notes) or "Nothing is in doubt.\n"
+def _page(publication: Publication, certificate: Mapping[str, Any] | None) -> str:
+    notes = "".join(f"- {note}\n" for note in publication.notes) or "Nothing is in doubt.\n"
     proof = "".join(f"- {name}: {value}\n" for name, value in (certificate or {}).items()) or "None was made.\n"
-    size = f"{lesson.nodes} nodes and {lesson.nodes_recovery} that only recover"
-    novelty = "new" if lesson.new else "as it was"
+    size = f"{publication.nodes} nodes and {publication.nodes_recovery} that only recover"
+    novelty = "new" if publication.new else "as it was"
+    aliases = ", ".join(publication.aliases)
     return (
-        f"# {lesson.task}@{lesson.version}\n\n{size}; {novelty}; aliases {', '.join(lesson.aliases)}.\n\n"
-        f"Digest `{lesson.digest}`\n\n## Notes\n\n{notes}\n## Proof\n\n{proof}"
+        f"# {publication.task}@{publication.version}\n\n{size}; {novelty}; aliases {aliases}.\n\n"
+        f"Digest `{publication.digest}`\n\n## Notes\n\n{notes}\n## Proof\n\n{proof}"
     )

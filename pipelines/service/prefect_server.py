@@ -74,12 +74,12 @@ def prefect_server(
 def flow_runner(
     home: Home, url: str, period_s: float, environment: Mapping[str, str], stop: threading.Event
 ) -> Iterator[Child]:
-    """The process that deploys our flows on the server at `url` and runs them, the story every `period_s` [s].
+    """The process that deploys our flows on the server at `url` and runs them, the refresh every `period_s` [s].
 
     Raises ChildFailedError and StoppedError as `prefect_server` does.
     """
     own = {**QUIET, "PREFECT_HOME": str(home.prefect), "PREFECT_API_URL": url}
-    deployed = f"{url}/deployments/name/story/{deployment_name(home)}"
+    deployed = f"{url}/deployments/name/refresh/{deployment_name(home)}"
     command = [sys.executable, "-m", "pipelines.flows.deployments", str(home.root), str(period_s)]
     with Child("runner of the flows", command, {**environment, **own}, home.logs / "flows.log") as child:
         _await(child, stop, lambda: _answer(deployed) is not None)
@@ -104,12 +104,12 @@ def deployment_name(home: Home) -> str:
     return f"line-{hashlib.sha256(str(home.root).encode()).hexdigest()[:8]}"
 
 
-def run_story(home: Home, url: str, timeout_s: float) -> None:
-    """Let the server at `url` run the story of a data root now, and wait until it is done.
+def run_refresh(home: Home, url: str, timeout_s: float) -> None:
+    """Let the server at `url` run the refresh of a data root now, and wait until it is done.
 
     Raises CommandError with Prefect's words if it does not complete within `timeout_s` [s].
     """
-    deployment = _ask(f"{url}/deployments/name/story/{deployment_name(home)}")
+    deployment = _ask(f"{url}/deployments/name/refresh/{deployment_name(home)}")
     # The key makes asking again, after an answer that was lost, the same request.
     wanted = {"state": {"type": "SCHEDULED"}, "idempotency_key": uuid.uuid4().hex}
     run = _ask(f"{url}/deployments/{deployment['id']}/create_flow_run", wanted)
@@ -120,7 +120,7 @@ def run_story(home: Home, url: str, timeout_s: float) -> None:
     if run["state_type"] != "COMPLETED":
         state = run.get("state") or {}
         told = state.get("message") or "its log says more"
-        raise CommandError(f"the flow `story` is {run['state_type'].lower()} after {timeout_s:g} s at most: {told}")
+        raise CommandError(f"the flow `refresh` is {run['state_type'].lower()} after {timeout_s:g} s at most: {told}")
 
 
 def run_in_this_process(environment: dict[str, str] | os._Environ[str] = os.environ) -> None:

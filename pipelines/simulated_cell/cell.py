@@ -92,6 +92,7 @@ class Cell:
         self._published_state: GripperState | None = None
         self._poses_due_s = self._gripper_due_s = -math.inf
         self._failure_rate = 0.0
+        self._answers = {"truth": self._truth, "scene": self._scene, "reset": self._reset, "disturb": self._disturb}
 
     def __enter__(self) -> Self:
         _refuse_second(self._session, f"{self._root}/sim/alive", self.name)
@@ -157,8 +158,7 @@ class Cell:
         elif kind == "skills" or name in ("drag", "grip"):
             self._begin(key, name, fields, query)
         else:
-            answer: Fields = getattr(self, f"_{name}")(fields)
-            self._reply(key, query, answer)
+            self._reply(key, query, self._answers[name](fields))
 
     def _begin(self, key: str, name: str, fields: Fields, query: zenoh.Query) -> None:
         skill = self._skill(name, fields)

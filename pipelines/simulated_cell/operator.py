@@ -35,7 +35,7 @@ class DemonstrationFailedError(CommandError):
 
 
 @dataclass(frozen=True)
-class Habits:
+class Behavior:
     """How much a person varies: standard deviations of the hand, and ranges of pauses [s] of the wall's time.
 
     `settle_s` is waited after a release, so that the object is seen at rest before the hand moves on.
@@ -55,14 +55,14 @@ def demonstrate_scenario(
     task: str,
     user: str,
     rng: np.random.Generator,
-    habits: Habits | None = None,
+    behavior: Behavior | None = None,
 ) -> dict[str, Any]:
     """Demonstrate a scenario once from a new random start, recorded by the cell's recorder; returns its stop reply.
 
     The outcome told to the recorder is the world's truth. Raises DemonstrationFailedError if the hand is blocked
     (then the recording is discarded), UnreachableError if cell or recorder do not answer.
     """
-    operator = ScriptedOperator(session, cell, scenario_named(scenario_name), rng, habits or Habits())
+    operator = ScriptedOperator(session, cell, scenario_named(scenario_name), rng, behavior or Behavior())
     operator.reset()
     with operator.recording(task, user) as reply:
         operator.perform()
@@ -70,13 +70,13 @@ def demonstrate_scenario(
 
 
 class ScriptedOperator:
-    """One operator at one cell: what its hands and eyes do, and its habits."""
+    """One operator at one cell: what its hands and eyes do, and its behavior."""
 
     def __init__(
-        self, session: zenoh.Session, cell: str, scenario: Scenario, rng: np.random.Generator, habits: Habits
+        self, session: zenoh.Session, cell: str, scenario: Scenario, rng: np.random.Generator, behavior: Behavior
     ) -> None:
         self._session, self._root = session, f"treewright/{cell}"
-        self._scenario, self._rng, self._habits = scenario, rng, habits
+        self._scenario, self._rng, self._habits = scenario, rng, behavior
         self._turn_of_grasp = 0
 
     def reset(self) -> None:

@@ -1,4 +1,4 @@
-"""What was learned from what, so that the scheduled story learns only what changed since.
+"""What was learned from what, so that the scheduled refresh learns only what changed since.
 
 `learned.json` in the data root holds, by task, a digest of all that a tree follows from (the demonstrations with a
 person's corrections, and the learner's code) and what came of learning from it.
@@ -20,18 +20,18 @@ from storage.lake import Entry, Lake
 
 
 @dataclass(frozen=True)
-class Standing:
+class TaskState:
     """Where a task stands: the `digest` of what its tree follows from, and the `result` of learning from it."""
 
     digest: str
     result: str = ""
 
-    def with_result(self, result: str) -> Standing:
+    def with_result(self, result: str) -> TaskState:
         """The same input with what came of it."""
         return replace(self, result=result)
 
 
-def changed_tasks(home: Home, lake: Lake) -> dict[str, Standing]:
+def changed_tasks(home: Home, lake: Lake) -> dict[str, TaskState]:
     """The tasks of the lake that were not yet learned as they stand now; results are still empty."""
     entries = sorted(lake.entries(), key=lambda entry: entry.demonstration.task)
     now = {name: standing_of(list(group)) for name, group in groupby(entries, lambda e: e.demonstration.task)}
@@ -39,22 +39,22 @@ def changed_tasks(home: Home, lake: Lake) -> dict[str, Standing]:
     return {name: standing for name, standing in now.items() if _digest(before.get(name)) != standing.digest}
 
 
-def standing_of(entries: list[Entry]) -> Standing:
+def standing_of(entries: list[Entry]) -> TaskState:
     """The standing of one task's demonstrations, in whatever order they come."""
     facts = [sorted(map(_facts, entries)), code_version(), DEFAULT_METHOD]
-    return Standing(hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest())
+    return TaskState(hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest())
 
 
-def standings(home: Home) -> dict[str, Standing]:
+def standings(home: Home) -> dict[str, TaskState]:
     """What was learned so far; nothing where the file is missing or is not ours, for then all is learned again."""
     try:
         document = json.loads(home.learned.read_text())
-        return {name: Standing(entry["digest"], entry["result"]) for name, entry in document.items()}
+        return {name: TaskState(entry["digest"], entry["result"]) for name, entry in document.items()}
     except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
         return {}
 
 
-def remember(home: Home, task: str, standing: Standing) -> None:
+def remember(home: Home, task: str, standing: TaskState) -> None:
     """Note what came of learning a task: written beside, renamed."""
     document = {name: asdict(entry) for name, entry in (standings(home) | {task: standing}).items()}
     beside = home.learned.with_name(f".{home.learned.name}.{secrets.token_hex(4)}.part")
@@ -66,7 +66,7 @@ def remember(home: Home, task: str, standing: Standing) -> None:
         beside.unlink(missing_ok=True)
 
 
-def _digest(standing: Standing | None) -> str | None:
+def _digest(standing: TaskState | None) -> str | None:
     return standing.digest if standing else None
 
 

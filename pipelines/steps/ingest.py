@@ -54,7 +54,7 @@ class Waiting:
 
 
 @dataclass(frozen=True)
-class Harvest:
+class IngestResult:
     """What became of the recordings of one ingest."""
 
     ingested: tuple[Demonstration, ...]
@@ -87,7 +87,7 @@ def doubts_about(demonstration: Demonstration) -> list[str]:
     return list(doubts(demonstration, InferenceParameters()))
 
 
-def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> Harvest:
+def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> IngestResult:
     """Ingest the named recordings (of a folder: all below it), or whatever is new below `home.recordings`.
 
     What is known already changes nothing; what was refused before is judged again only if it is named or has changed.
@@ -121,7 +121,7 @@ class _Ingest:
         for source in self._sources(headers):
             self._take_source(source)
 
-    def finish(self) -> Harvest:
+    def finish(self) -> IngestResult:
         """Write what was taken in one commit."""
         try:
             new = self._add(list(self.taken.values()))
@@ -129,7 +129,7 @@ class _Ingest:
             # Somebody else took an id meanwhile: find out whose.
             new = [each for pair in self.taken.values() for each in self._add_or_refuse(*pair)]
         known = sorted({*self.known} - {demonstration.demonstration_id for demonstration in new})
-        return Harvest(tuple(new), tuple(known), tuple(self.quarantined), tuple(self.waiting))
+        return IngestResult(tuple(new), tuple(known), tuple(self.quarantined), tuple(self.waiting))
 
     def _is_settled(self, file: Path) -> bool:
         """Whether the file was judged before and has not changed since (by the time of its last change)."""

@@ -39,7 +39,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Lesson:
+class Publication:
     """What a run of `learn` came to: CONTRACT, section 4, and the learner's notes.
 
     `new` is False where an equal tree was stored before, whose version this is.
@@ -68,7 +68,7 @@ def learn_task(
     include_unknown: bool = False,
     include_gaps: bool = False,
     parameters: Parameters | None = None,
-) -> Lesson:
+) -> Publication:
     """The whole way for one task: choose, learn and rehearse, publish. Raises what its steps raise."""
     choice = choose(lake, task, include_unknown, include_gaps)
     return publish(store, choice, learn_from(choice, method, parameters), method)
@@ -103,12 +103,12 @@ def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: b
     return Choice(task, chosen, left_out)
 
 
-def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str) -> Lesson:
+def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str) -> Publication:
     """Store what was learned with its lineage and let `latest` point to it; an equal tree makes no new version."""
     published = store.publish(choice.task, learned.tree, facts_about(choice, learned, method))
     store.alias(choice.task, LATEST, published.version)
     names = [name for name, version in store.aliases(choice.task).items() if version == published.version]
-    return Lesson(
+    return Publication(
         task=choice.task,
         version=published.version,
         digest=published.digest,

@@ -23,10 +23,10 @@ from learner.simulation.scenarios import SCENARIOS
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.question import ask
 from pipelines.simulated_cell.cell import Cell
-from pipelines.simulated_cell.operator import Habits, ScriptedOperator
+from pipelines.simulated_cell.operator import Behavior, ScriptedOperator
 
 ROOT = "treewright/c1"
-HURRIED = Habits(pause_s=(0.05, 0.15), settle_s=0.6)
+HURRIED = Behavior(pause_s=(0.05, 0.15), settle_s=0.6)
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from learner.model.pose import Pose
 from learner.model.tree import Definition, Node, Tree, fallback, leaf, sequence
 from pipelines.controller import controller
 from pipelines.controller.cell_link import CellLink
-from pipelines.controller.controller import FAILURES_IN_A_ROW, Controller, Result
+from pipelines.controller.controller import FAILURES_IN_A_ROW, Controller, RunResult
 from pipelines.controller.job import Job, first_action
 from pipelines.controller.trace import Trace
 from pipelines.errors import CellRefusedError, CommandError, UnreachableError
@@ -76,15 +76,15 @@ class Bench:
     def link(self, job: Job) -> CellLink:
         return CellLink(self.session, "c1", CellState(job.base_frame, job.end_effector_frame))
 
-    def start(self, tree: Tree = TREE, **options: Any) -> Future[Result]:
+    def start(self, tree: Tree = TREE, **options: Any) -> Future[RunResult]:
         return self.pool.submit(self._run, self.job(tree), **options)
 
-    def _run(self, job: Job, **options: Any) -> Result:
+    def _run(self, job: Job, **options: Any) -> RunResult:
         with self.link(job) as link, Trace(self.folder / "trace.jsonl") as trace:
             job.await_cell(link, self.stop, limit_s=20.0)
             return Controller(job.root, link, trace, self.told.append).run(self.stop, **options)
 
-    def run(self, tree: Tree = TREE, **options: Any) -> Result:
+    def run(self, tree: Tree = TREE, **options: Any) -> RunResult:
         return self.start(tree, **options).result(60)
 
     def trace(self) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from support_recordings import Take, object_in_box
 
 from pipelines.cli import main
 from pipelines.home import Home
-from pipelines.steps.ingest import Harvest, ingest
+from pipelines.steps.ingest import IngestResult, ingest
 from storage.lake import Lake
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "contract_samples"
@@ -27,11 +27,11 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
     return Home.current()
 
 
-def harvest(home: Home, *named: Path) -> Harvest:
+def ingested(home: Home, *named: Path) -> IngestResult:
     return ingest(home, Lake(home.lake), named)
 
 
-def only_reason(result: Harvest) -> str:
+def only_reason(result: IngestResult) -> str:
     (refused,) = result.quarantined
     return refused.reason
 
@@ -39,7 +39,7 @@ def only_reason(result: Harvest) -> str:
 def test_what_lies_below_recordings_is_ingested_once(home: Home) -> None:
     for seed in range(3):
         object_in_box(seed).write(home.recordings / "bench" / f"{seed}.mcap")
-    first, second = harvest(home), harvest(home)
+    first, second = ingested(home), ingested(home)
     assert [d.demonstration_id for d in first.ingested] == ["object_in_box-0", "object_in_box-1", "object_in_box-2"]
     assert first.tasks == ("object_in_box",)
     assert not second.ingested
@@ -49,7 +49,7 @@ def test_what_lies_below_recordings_is_ingested_once(home: Home) -> None:
 
 def test_each_demonstration_of_a_batch_leads_back_to_its_own_file(home: Home) -> None:
     files = [object_in_box(seed).write(home.recordings / f"{seed}.mcap") for seed in range(2)]
-    harvest(home)
+    ingested(home)
     lake = Lake(home.lake)
     by_id = {demonstration_id: sha256 for sha256, demonstration_id in lake.known().items()}
     assert lake.known_files() == {str(file): by_id[f"object_in_box-{seed}"] for seed, file in enumerate(files)}
@@ -58,32 +58,32 @@ def test_each_demonstration_of_a_batch_leads_back_to_its_own_file(home: Home) ->
 def test_the_same_content_under_another_name_is_known(home: Home, tmp_path: Path) -> None:
     file = object_in_box(1).write(tmp_path / "a.mcap")
     copy = Path(shutil.copy(file, tmp_path / "b.mcap"))
-    result = harvest(home, file, copy)
+    result = ingested(home, file, copy)
     assert len(result.ingested) == 1
-    assert harvest(home, copy).known == ("object_in_box-1",)
+    assert ingested(home, copy).known == ("object_in_box-1",)
 
 
 def test_an_unfinished_recording_is_left_alone(home: Home) -> None:
     object_in_box(1).write(home.recordings / "1.mcap.part")
-    assert harvest(home) == Harvest((), (), (), ())
+    assert ingested(home) == IngestResult((), (), (), ())
 
 
 def test_the_same_id_with_other_content_is_quarantined(home: Home, tmp_path: Path) -> None:
     file = object_in_box(1).write(tmp_path / "a.mcap")
     other = object_in_box(2, demonstration_id="object_in_box-1").write(tmp_path / "b.mcap")
-    together = harvest(home, file, other)
+    together = ingested(home, file, other)
     assert len(together.ingested) == 1
     assert "already stored with other content" in only_reason(together)
-    assert "already stored with other content" in only_reason(harvest(home, other))
+    assert "already stored with other content" in only_reason(ingested(home, other))
     assert len(Lake(home.lake).demonstrations()) == 1
 
 
 def test_a_file_that_changed_under_its_name_is_judged_again(home: Home) -> None:
     file = home.recordings / "1.mcap"
     object_in_box(1).saying(contract="2").write(file)
-    assert "contract" in only_reason(harvest(home))
+    assert "contract" in only_reason(ingested(home))
     object_in_box(1).write(file)
-    assert len(harvest(home).ingested) == 1
+    assert len(ingested(home).ingested) == 1
     assert Lake(home.lake).quarantined() == []
 
 
@@ -133,7 +133,7 @@ def test_what_breaks_the_contract_is_quarantined_with_the_reason(case: str, home
     bad = breaks(object_in_box(1)).write(tmp_path / "bad.mcap")
     good = object_in_box(2).write(tmp_path / "good.mcap")
     content = bad.read_bytes()
-    result = harvest(home, bad, good)
+    result = ingested(home, bad, good)
     assert words in only_reason(result)
     assert [demonstration.demonstration_id for demonstration in result.ingested] == ["object_in_box-2"]
     (record,) = Lake(home.lake).quarantined()
@@ -144,7 +144,7 @@ def test_what_breaks_the_contract_is_quarantined_with_the_reason(case: str, home
 def test_a_torn_file_is_quarantined_and_says_how_to_save_it(home: Home) -> None:
     file = object_in_box(1).write(home.recordings / "torn.mcap")
     file.write_bytes(file.read_bytes()[:-2000])
-    assert "treewright recover" in only_reason(harvest(home))
+    assert "treewright recover" in only_reason(ingested(home))
     assert file.exists()
 
 
@@ -152,17 +152,17 @@ def test_a_torn_file_is_quarantined_and_says_how_to_save_it(home: Home) -> None:
 def test_what_is_no_mcap_is_quarantined(content: bytes, home: Home, tmp_path: Path) -> None:
     file = tmp_path / "no.mcap"
     file.write_bytes(content)
-    assert str(file) in only_reason(harvest(home, file))
+    assert str(file) in only_reason(ingested(home, file))
 
 
 def test_a_file_without_the_metadata_record_is_quarantined(home: Home, tmp_path: Path) -> None:
     take = object_in_box(1)
     take.metadata.clear()
-    assert "lacks" in only_reason(harvest(home, take.write(tmp_path / "bare.mcap")))
+    assert "lacks" in only_reason(ingested(home, take.write(tmp_path / "bare.mcap")))
 
 
 def test_a_missing_file_is_named_and_leaves_nothing_behind(home: Home, tmp_path: Path) -> None:
-    result = harvest(home, tmp_path / "gone.mcap", object_in_box(1).write(tmp_path / "here.mcap"))
+    result = ingested(home, tmp_path / "gone.mcap", object_in_box(1).write(tmp_path / "here.mcap"))
     assert "gone.mcap cannot be read: No such file" in only_reason(result)
     assert len(result.ingested) == 1
     assert Lake(home.lake).quarantined() == []
@@ -170,30 +170,30 @@ def test_a_missing_file_is_named_and_leaves_nothing_behind(home: Home, tmp_path:
 
 def test_what_was_refused_is_told_again_only_when_named(home: Home) -> None:
     file = object_in_box(1).saying(task="a b").write(home.recordings / "bad.mcap")
-    assert len(harvest(home).quarantined) == 1
-    assert harvest(home).quarantined == ()
-    assert len(harvest(home, file).quarantined) == 1
+    assert len(ingested(home).quarantined) == 1
+    assert ingested(home).quarantined == ()
+    assert len(ingested(home, file).quarantined) == 1
     assert len(Lake(home.lake).quarantined()) == 1
 
 
 def test_a_split_demonstration_counts_once_all_parts_are_there(home: Home) -> None:
     first, second = object_in_box(1).halves()
     first.write(home.recordings / "1.mcap")
-    alone = harvest(home)
+    alone = ingested(home)
     assert (alone.ingested, alone.quarantined) == ((), ())
     assert [waiting.parts for waiting in alone.waiting] == [(1,)]
     second.write(home.recordings / "2.mcap")
-    whole = harvest(home)
+    whole = ingested(home)
     assert [(d.demonstration_id, d.outcome) for d in whole.ingested] == [("object_in_box-1", "success")]
     assert [action.type for action in whole.ingested[0].actions] == ["pick", "drop"]
-    assert harvest(home).known == ("object_in_box-1",)
+    assert ingested(home).known == ("object_in_box-1",)
 
 
 def test_a_named_part_finds_the_others_beside_it(home: Home, tmp_path: Path) -> None:
     first, second = object_in_box(1).halves()
     files = first.write(tmp_path / "1.mcap"), second.write(tmp_path / "2.mcap")
-    assert len(harvest(home, files[1]).ingested) == 1
-    assert harvest(home, *files).known == ("object_in_box-1",)
+    assert len(ingested(home, files[1]).ingested) == 1
+    assert ingested(home, *files).known == ("object_in_box-1",)
 
 
 def test_parts_named_in_different_folders_are_joined(home: Home, tmp_path: Path) -> None:
@@ -202,7 +202,7 @@ def test_parts_named_in_different_folders_are_joined(home: Home, tmp_path: Path)
     for folder in folders:
         folder.mkdir()
     files = first.write(folders[0] / "1.mcap"), second.write(folders[1] / "2.mcap")
-    done = harvest(home, *files)
+    done = ingested(home, *files)
     assert len(done.ingested) == 1
     assert done.waiting == ()
 
@@ -238,7 +238,7 @@ def test_a_data_root_that_is_a_file_is_one_clear_sentence(
 
 @pytest.mark.skipif(not SAMPLES.exists(), reason="the sample recordings are not here")
 def test_recordings_by_another_writer_are_ingested_as_they_are(home: Home) -> None:
-    result = harvest(home, SAMPLES)
+    result = ingested(home, SAMPLES)
     assert (len(result.ingested), result.quarantined) == (14, ())
 
 

@@ -209,7 +209,7 @@ def test_recordings_by_another_writer_are_learned_from_as_they_are(task: str, ho
     lake = Lake(home.lake)
     assert not ingest(home, lake, sorted(SAMPLES.glob(f"{task}-*.mcap"))).quarantined
     with ArtifactStore(home.store) as store:
-        lesson = learn_task(lake, store, task)
+        publication = learn_task(lake, store, task)
         frames = store.get(task).tree.frames()
-    assert lesson.nodes <= 11 * (1 if task == "object_in_box" else 3) + 1
+    assert publication.nodes <= 11 * (1 if task == "object_in_box" else 3) + 1
     assert "box" in frames

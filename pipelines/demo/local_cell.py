@@ -1,6 +1,6 @@
 """A whole line on one machine: a simulated cell, its recorder and the service side, each a process of its own.
 
-They talk over Zenoh through a router on a loopback port, which the process that opens the line is itself; it is also
+They talk over Zenoh through a router on a loopback port, which the process that opens it is itself; it is also
 the operator, for whom it keeps a session.
 """
 
@@ -33,11 +33,11 @@ FOREIGN: Final = (
     "TREEWRIGHT_STORE_URL",
     "PREFECT_API_URL",
 )
-"""What would lead the line's processes to another network, store or server than its own."""
+"""What would lead its processes to another network, store or server than its own."""
 
 
 @dataclass(frozen=True)
-class Line:
+class LocalCell:
     """What is up: `session` is the operator's; `http` and `prefect` are where the service side answers."""
 
     home: Home
@@ -60,9 +60,9 @@ class Line:
 
 
 @contextmanager
-def open_line(
+def open_local_cell(
     home: Home, cell: str, scenario: str, seed: int, speed: float, meanwhile: Callable[[zenoh.Session], None]
-) -> Iterator[Line]:
+) -> Iterator[LocalCell]:
     """All processes up; they end with the block. `meanwhile` is called once cell and recorder are up.
 
     The Prefect server needs its time to come up, which `meanwhile` uses. Raises ChildFailedError if a process fails.
@@ -82,11 +82,11 @@ def open_line(
         meanwhile(session)
         serve.hear(START_S)
         serving = serve.hear(COME_UP_S)
-        yield Line(home, cell, session, endpoint, serving["http"], serving["prefect"])
+        yield LocalCell(home, cell, session, endpoint, serving["http"], serving["prefect"])
 
 
 def _command(home: Home, endpoint: str, words: list[str]) -> Child:
-    """A command of treewright on the line's network, its JSON to be heard."""
+    """A command of treewright on its network, its JSON to be heard."""
     environment = {name: value for name, value in os.environ.items() if name not in FOREIGN}
     environment["TREEWRIGHT_HOME"] = str(home.root)
     command = [sys.executable, "-m", "pipelines.cli", *words, "--json", "--connect", endpoint]

@@ -1,4 +1,4 @@
-"""What the scheduled story learns: only tasks of which something changed since."""
+"""What the scheduled refresh learns: only tasks of which something changed since."""
 
 from __future__ import annotations
 
