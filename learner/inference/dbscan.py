@@ -46,6 +46,8 @@ def dbscan(points: Array, eps_m: float, min_samples: int) -> NDArray[np.intp]:
     """
     if len(points) < min_samples:
         return np.full(len(points), NOISE, dtype=np.intp)
+    if _together(points, eps_m):
+        return np.zeros(len(points), dtype=np.intp)
     if len(points) <= FEW:
         return _of_few(points, eps_m, min_samples)
     core = _core(points, eps_m, min_samples)
@@ -56,6 +58,11 @@ def dbscan(points: Array, eps_m: float, min_samples: int) -> NDArray[np.intp]:
         others = np.flatnonzero(~core)
         labels[others] = _borders(points[others], points[numbers], labels[numbers], eps_m)
     return labels
+
+
+def _together(points: Array, eps_m: float) -> bool:
+    """Whether all points surely are neighbours of each other: no further from their median than half of eps."""
+    return bool((_squares(points, np.median(points, axis=0)[None]) <= (eps_m * (1 - SAFE) / 2) ** 2).all())
 
 
 def _of_few(points: Array, eps_m: float, min_samples: int) -> Rows:
@@ -203,8 +210,9 @@ class _Grid:
 
 def _core(points: Array, eps_m: float, min_samples: int) -> Mask:
     """Which points (n,) are core: told by counting the cells around, and by distances where that leaves it open."""
-    core, left = np.zeros(len(points), dtype=np.bool_), np.arange(len(points))
-    for parts in FINER:
+    core = _near_the_middle(points, eps_m) >= min_samples
+    left = np.flatnonzero(~core)
+    for parts in FINER if len(left) else ():
         grid = _Grid(points, eps_m * (1 - SAFE) / parts)
         cells, of = np.unique(grid.of[left], return_inverse=True)
         looks = 4 * len(cells) * (2 * grid.reach(eps_m) + 1) ** 2
@@ -215,6 +223,12 @@ def _core(points: Array, eps_m: float, min_samples: int) -> Mask:
         left = left[((least < min_samples) & (most >= min_samples))[of]]
     core[left] = _enough(points[left], points, eps_m, min_samples)
     return core
+
+
+def _near_the_middle(points: Array, eps_m: float) -> Rows:
+    """How many neighbours each point (n,) has at least: those that are near enough to the median of all."""
+    away = np.sqrt(_squares(points, np.median(points, axis=0)[None])[:, 0])
+    return np.searchsorted(np.sort(away), eps_m * (1 - SAFE) - away, side="right")
 
 
 def _enough(points: Array, others: Array, eps_m: float, least: int) -> Mask:

@@ -17,6 +17,8 @@ class MeanParameters:
     tolerance."""
     references: int = 100
     """At most so many of the poses are tried as the one that the others are turned to."""
+    compared: int = 500
+    """It is chosen by how densely at most so many of them lie about it."""
     outlying: float = 3.0
     """A position is left out if it is further from the median than this many median distances ..."""
     outlying_m: float = 0.005

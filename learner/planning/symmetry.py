@@ -56,7 +56,7 @@ def mean_in_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: Me
     """
     quaternions = poses.quaternions_xyzw
 
-    def turned(reference: Array) -> tuple[Array, Array]:
+    def turned(quaternions: Array, reference: Array) -> tuple[Array, Array]:
         turn = nearest_turns(multiply(reference, conjugate(quaternions)), symmetry, axis)
         return turn, multiply(turn, quaternions)
 
@@ -83,7 +83,7 @@ def mean_of_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: Me
     """The mean of an object's poses in some frame (rests), modulo the turns of the object about its own `axis`."""
     quaternions = poses.quaternions_xyzw
 
-    def turned(reference: Array) -> tuple[Array, Array]:
+    def turned(quaternions: Array, reference: Array) -> tuple[Array, Array]:
         turn = nearest_turns(multiply(conjugate(quaternions), reference), symmetry, axis)
         return turn, multiply(quaternions, turn)
 
@@ -93,22 +93,23 @@ def mean_of_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: Me
 
 
 def _most_agreeing(
-    quaternions: Array, turned: Callable[[Array], tuple[Array, Array]], parameters: MeanParameters
+    quaternions: Array, turned: Callable[[Array, Array], tuple[Array, Array]], parameters: MeanParameters
 ) -> tuple[Array, Array, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
     """The turns (n, 4) to the best reference, the orientations so turned (n, 4), and which agree with it (n,).
 
     The best reference is the one about which the orientations lie densest.
     """
     references = quaternions[:: max(1, len(quaternions) // parameters.references)]
+    compared = quaternions[:: max(1, len(quaternions) // parameters.compared)]
     densest, best = -1.0, references[0]
-    for some in np.array_split(references, math.ceil(references.size * len(quaternions) / AT_ONCE)):
-        angles = _angles(turned(some[:, None])[1], some[:, None])
+    for some in np.array_split(references, math.ceil(references.size * len(compared) / AT_ONCE)):
+        angles = _angles(turned(compared, some[:, None])[1], some[:, None])
         for reference, density in zip(
             some, np.exp(-((2 * angles / parameters.aligned_rad) ** 2)).sum(axis=1), strict=True
         ):
             if density > densest + 1e-9:
                 densest, best = density, reference
-    turn, aligned = turned(best)
+    turn, aligned = turned(quaternions, best)
     return turn, aligned, _angles(aligned, best) < parameters.aligned_rad
 
 
