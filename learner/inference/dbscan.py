@@ -48,6 +48,8 @@ def dbscan(points: Array, eps_m: float, min_samples: int) -> NDArray[np.intp]:
         return np.full(len(points), NOISE, dtype=np.intp)
     if _together(points, eps_m):
         return np.zeros(len(points), dtype=np.intp)
+    if not _crowded(points, eps_m, min_samples):
+        return np.full(len(points), NOISE, dtype=np.intp)
     if len(points) <= FEW:
         return _of_few(points, eps_m, min_samples)
     core = _core(points, eps_m, min_samples)
@@ -63,6 +65,16 @@ def dbscan(points: Array, eps_m: float, min_samples: int) -> NDArray[np.intp]:
 def _together(points: Array, eps_m: float) -> bool:
     """Whether all points surely are neighbours of each other: no further from their median than half of eps."""
     return bool((_squares(points, np.median(points, axis=0)[None]) <= (eps_m * (1 - SAFE) / 2) ** 2).all())
+
+
+def _crowded(points: Array, eps_m: float, min_samples: int) -> bool:
+    """Whether some point may be core: enough others are near enough to it along each axis."""
+    reach, possible = eps_m * (1 + SAFE), np.ones(len(points), dtype=np.bool_)
+    for along in points.T:
+        ordered = np.sort(along)
+        first, last = np.searchsorted(ordered, along - reach), np.searchsorted(ordered, along + reach, side="right")
+        possible &= last - first >= min_samples
+    return bool(possible.any())
 
 
 def _of_few(points: Array, eps_m: float, min_samples: int) -> Rows:

@@ -15,9 +15,9 @@ class MeanParameters:
     aligned_rad: float = math.radians(12)
     """Orientations within this of the densest are averaged with it: several times the hand's noise, within a grasp's
     tolerance."""
-    references: int = 100
+    references: int = 40
     """At most so many of the poses are tried as the one that the others are turned to."""
-    compared: int = 500
+    compared: int = 300
     """It is chosen by how densely at most so many of them lie about it."""
     outlying: float = 3.0
     """A position is left out if it is further from the median than this many median distances ..."""

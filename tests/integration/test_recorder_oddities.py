@@ -139,6 +139,7 @@ def test_single_transforms_are_accepted_and_written_as_the_contract_has_them(cel
         cell._poses.put(transform.SerializeToString())
     cell.ask("status")
     cell.press("pick", object="A")
+    cell.ask("status")
     stopped = cell.ask("stop", {"outcome": "success"})
     assert not cell.ask("status")["alarms"]
     assert observe(read_recording([Path(stopped["file"])])).actions[0].object == "A"
