@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Any, Final, get_args
 
 from learner.errors import NameRefusedError
-from learner.model import check_name
-from learner.model.demonstration import Outcome
-from recorder.errors import RequestRefusedError
+from learner.model import ActionPress, check_name
+from learner.model.demonstration import ActionType, Outcome
+from learner.observation.presses import SIGNAL, TYPES, UNDO
+from recorder.errors import PayloadError, RequestRefusedError
 from recorder.recording import parse_scene
+from recorder.wire import action_message, parse_action
 
-VERBS: Final = ("start", "stop", "discard", "pause", "resume", "split", "status")
+VERBS: Final = ("start", "stop", "discard", "pause", "resume", "split", "press", "status")
 _NEEDED: Final = ("task", "user", "objects", "base_frame", "end_effector_frame")
 
 
@@ -40,10 +42,22 @@ class Start:
     base_frame: str
     end_effector_frame: str
     scene: str | None
+    unseen_ok: bool = False
+    """Whether names that the cell's poses do not tell of are taken all the same."""
+
+    @property
+    def wanted(self) -> dict[str, str]:
+        """What the cell's poses have to tell of, and what each name is."""
+        shapes = parse_scene(self.scene).objects if self.scene else {}
+        of_scene = dict.fromkeys(shapes, "object of the scene")
+        return {**of_scene, **dict.fromkeys(self.objects, "object"), self.end_effector_frame: "frame"}
 
     @staticmethod
     def parse(request: Mapping[str, Any]) -> Start:
         """Raises RequestRefusedError with what is missing or wrong."""
+        unseen_ok = request.get("unseen_ok", False)
+        if not isinstance(unseen_ok, bool):
+            raise RequestRefusedError(f"`unseen_ok` of the request start is true or false, not {unseen_ok!r:.80}")
         missing = [name for name in _NEEDED if request.get(name) is None]
         if missing:
             raise RequestRefusedError(f"the request start lacks {', '.join(missing)}")
@@ -55,6 +69,7 @@ class Start:
                 base_frame=check_name("frame", request["base_frame"]),
                 end_effector_frame=check_name("frame", request["end_effector_frame"]),
                 scene=_scene(request.get("scene")),
+                unseen_ok=unseen_ok,
             )
         except NameRefusedError as error:
             raise RequestRefusedError(str(error)) from error
@@ -88,3 +103,32 @@ def parse_outcome(request: Mapping[str, Any]) -> str:
     if outcome not in get_args(Outcome):
         raise RequestRefusedError(f"the outcome of a stop is {', '.join(get_args(Outcome))}, not {outcome!r:.80}")
     return str(outcome)
+
+
+_FITTING: Final = {
+    **dict.fromkeys(get_args(ActionType), frozenset({"object"})),
+    SIGNAL: frozenset({"signal", "value"}),
+    UNDO: frozenset[str](),
+}
+"""Which fields a press of each type may have, beside its type and stamp."""
+
+
+def parse_press(request: Mapping[str, Any], now_ns: int) -> ActionPress:
+    """The action that a request to press names; without `stamp_ns` it is of now [ns]. Raises RequestRefusedError."""
+    kind, stamp_ns = str(request.get("type")), request.get("stamp_ns", now_ns)
+    if kind not in TYPES:
+        raise RequestRefusedError(f"a press is of type {', '.join(TYPES)}, not {kind!r:.80}")
+    given = {name: value for name, value in request.items() if value is not None and name not in ("type", "stamp_ns")}
+    strange = sorted(given.keys() - _FITTING[kind])
+    if strange:
+        raise RequestRefusedError(f"a press of type {kind} has no {', '.join(strange)!s:.80}")
+    if kind == SIGNAL and given.keys() != _FITTING[SIGNAL]:
+        raise RequestRefusedError("a press of type signal needs signal and value")
+    try:
+        for name in given.keys() & {"object", "signal"}:
+            check_name(name, given[name])
+        return parse_action(action_message(stamp_ns, kind, **given))
+    except NameRefusedError as error:
+        raise RequestRefusedError(str(error)) from error
+    except PayloadError as error:
+        raise RequestRefusedError(f"the press {kind} {error}") from error

@@ -12,21 +12,22 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Literal, Self
 
 import zenoh
 
-from learner.model import check_name
+from learner.model import ActionPress, check_name
 from recorder import disk, wire
-from recorder.control import Start, parse_outcome, parse_request
+from recorder.control import Start, parse_outcome, parse_press, parse_request
 from recorder.errors import PayloadError, RecorderError, RequestRefusedError, SecondRecorderError
-from recorder.feedback import NOT_WATCHING, Finding, Plausible, Sightings, gaps_near_actions, judge
+from recorder.feedback import NOT_WATCHING, Plausible, Sightings, gaps_near_actions
 from recorder.intake.caches import Caches
+from recorder.intake.known import Known
 from recorder.intake.receiving import Arrival, Patterns, Receiver
 from recorder.notices import Notices
+from recorder.presses import Pressed, Presses
 from recorder.recording import Demonstrated, Finished
 from recorder.recovery import recover_folder, sole_recorder
 from recorder.writing import Writing
@@ -37,6 +38,12 @@ NOTES: Final = "notes"
 """The entry of a recording's metadata that tells, as a JSON array of sentences, what was odd."""
 SETTLE_S: Final = 0.4
 """Poses that arrive later than the press get so long before the operator is told that one is missing."""
+ANSWER_S: Final = 0.2
+"""A press that is not accepted is answered after so long [s], in case that what it needs is on its way."""
+LOOK_S: Final = 0.02
+"""Between two looks for what is on its way."""
+APPEARS_S: Final = 1.0
+"""So long a start waits for names of which the cell's poses have not told yet."""
 TICK_S: Final = 0.25
 SILENCE_S: Final = 2.0
 """A topic that learning needs and on which nothing has come for so long [s] since the start is worth an alarm."""
@@ -68,13 +75,14 @@ class _Open:
     demonstrated: Demonstrated
     writing: Writing
     begun_s: float
+    presses: Presses
     parts: list[Finished] = field(default_factory=list)
     durable_before: int = 0
     """Actions in the parts that are finished."""
     unseen: tuple[str, ...] = ()
     silence_told: bool = False
     """Whether topics on which nothing comes have been looked for."""
-    presses: list[tuple[int, str]] = field(default_factory=list)
+    stamps: list[tuple[int, str]] = field(default_factory=list)
     """Stamp [ns] and type of every action."""
 
     @property
@@ -108,7 +116,7 @@ class Recorder:
         self._open: _Open | None = None
         self._paused = False
         self._alarms: deque[str] = deque(maxlen=MOST_ALARMS)
-        self._sightings = NOT_WATCHING
+        self._sightings, self._known = NOT_WATCHING, Known()
         self._sightings_lock = threading.Lock()
         self._early: deque[tuple[str, int, bytes]] = deque(maxlen=4096)
         self._requests: queue.SimpleQueue[tuple[str, zenoh.Query] | Callable[[], None] | None] = queue.SimpleQueue()
@@ -224,7 +232,10 @@ class Recorder:
         if verb == "stop":
             outcome = parse_outcome(request)
             self._needs("stop", self._open is not None)
+            self._needs_to_agree(outcome)
             return self._stop(outcome)
+        if verb == "press":
+            return self._press(request)
         if verb != "status":
             {"discard": self._discard, "pause": self._pause, "resume": self._resume, "split": self._split}[verb]()
         return self.status()
@@ -232,6 +243,17 @@ class Recorder:
     def _needs(self, verb: str, condition: bool) -> None:
         if not condition:
             raise RequestRefusedError(f"cannot {verb}: {self._situation()}")
+
+    def _needs_to_agree(self, outcome: str) -> None:
+        """A demonstration in which something stands that contradicts what was seen is no success."""
+        assert self._open is not None
+        self._take_poses()
+        with self._sightings_lock:
+            reason = self._open.presses.contradiction(self._sightings)
+        if reason and outcome == "success":
+            raise RequestRefusedError(
+                f"cannot stop with outcome success: {reason}; take it back with undo, or stop with another outcome"
+            )
 
     def _situation(self) -> str:
         if self._open is None:
@@ -279,6 +301,7 @@ class Recorder:
         if self._open is not None:
             raise RequestRefusedError(f"cannot start: {self._situation()}; stop or discard it first")
         disk.check_room(self.folder, self._rate_bytes_s)
+        self._needs_to_be_seen(start)
         demonstrated = Demonstrated(
             demonstration_id=_new_id(start.task),
             task=start.task,
@@ -295,12 +318,25 @@ class Recorder:
         self._watch(Sightings(start.base_frame, (*start.objects, start.end_effector_frame), self._notices))
         writing = self._writing(demonstrated)
         self._paused = False
-        now = _Open(demonstrated, writing, time.monotonic())
+        now = _Open(demonstrated, writing, time.monotonic(), Presses(demonstrated, self.options.plausible))
         now.demonstrated = replace(demonstrated, start_ns=self._receiver.begin(writing.intake))
         self._open = now
         self._caches.latched.begin()
         self._tell("start", demonstration_id=demonstrated.demonstration_id, file=str(writing.file))
         return {"demonstration_id": demonstrated.demonstration_id, "file": str(writing.file)}
+
+    def _needs_to_be_seen(self, start: Start) -> None:
+        """Raises RequestRefusedError for names that nobody publishes, unless the request takes them all the same."""
+        end_s = time.monotonic() + APPEARS_S
+        while not start.unseen_ok and (missing := self._missing(start)):
+            if time.monotonic() >= end_s:
+                raise RequestRefusedError(f"cannot start: {missing}; check the names, or send `unseen_ok`: true")
+            time.sleep(LOOK_S)
+
+    def _missing(self, start: Start) -> str | None:
+        self._take_poses()
+        with self._sightings_lock:
+            return self._known.missing(start.wanted, start.base_frame, self._receiver.clock.now_ns())
 
     def _writing(self, demonstrated: Demonstrated) -> Writing:
         part = demonstrated.part or 1
@@ -332,7 +368,7 @@ class Recorder:
             ledger.forget()
         self._tell_notices()
         notes = self._notices.sentences
-        gaps = gaps_near_actions(losses, now.presses)
+        gaps = gaps_near_actions(losses, now.stamps)
         finished = _finish(now, outcome, lost, gaps, notes)
         reply = {
             "demonstration_id": now.demonstrated.demonstration_id,
@@ -387,7 +423,7 @@ class Recorder:
         lost, losses = self._receiver.swap(writing.intake)
         self._caches.latched.begin()
         now.demonstrated, now.writing, now.begun_s = following, writing, time.monotonic()
-        gaps, notes = gaps_near_actions(losses, now.presses), self._notices.sentences
+        gaps, notes = gaps_near_actions(losses, now.stamps), self._notices.sentences
         finished = _finish(before, "unknown", lost, gaps, notes, continued=True)
         now.durable_before += before.writing.actions_durable
         now.parts.append(finished)
@@ -467,6 +503,8 @@ class Recorder:
         with self._sightings_lock:
             while self._early:
                 topic, log_ns, payload = self._early.popleft()
+                if topic == wire.POSES:
+                    self._known.take(payload, log_ns)
                 take = self._sightings.add if topic == wire.POSES else self._sightings.add_gripper
                 take(payload, log_ns)
 
@@ -481,52 +519,79 @@ class Recorder:
         self._requests.put(lambda: self._judge_action(arrival))
 
     def _judge_action(self, arrival: Arrival) -> None:
-        press = _press(arrival.payload)
-        if press is None:
-            self._alarm(f"an action that is none was published: {arrival.payload[:80]!r}; it needs stamp_ns and type")
+        try:
+            press = wire.parse_action(arrival.payload)
+        except PayloadError as error:
+            self._alarm(f"an action that is none was published: {arrival.payload[:80]!r} {error}")
             return
         if not arrival.recorded or self._open is None:
-            self._alarm(f"the action {press['type']} is not recorded: {self._situation()}")
-            self._tell("action", type=press["type"], recorded=False)
+            self._alarm(f"the action {press.type} is not recorded: {self._situation()}")
+            self._tell("action", type=press.type, recorded=False)
             return
-        self._open.presses.append((press["stamp_ns"], press["type"]))
-        finding = self._finding(self._open.demonstrated, press["stamp_ns"], arrival.log_ns)
-        if finding.sentences:
-            again = partial(self._report, self._open, press, arrival.log_ns)
-            timer = threading.Timer(SETTLE_S, lambda: self._requests.put(again))
-            timer.daemon = True
-            timer.start()
+        pressed = self._judged(self._open, press, arrival.log_ns)
+        if pressed.verdict == "accepted":
+            self._report(self._open, pressed)
         else:
-            self._report(self._open, press, arrival.log_ns)
+            self._report_later(self._open, pressed)
 
-    def _finding(self, demonstrated: Demonstrated, stamp_ns: int, arrived_ns: int) -> Finding:
+    def _press(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Record an action that is pressed here, and judge it at once."""
+        self._needs("press", self.state == "recording")
+        now = self._open
+        assert now is not None
+        press = parse_press(request, self._present_ns(now))
+        fields = {"object": press.object, "signal": press.signal, "value": press.value}
+        log_ns = self._receiver.record_press(wire.action_message(press.stamp_ns, press.type, **fields))
+        if log_ns is None:
+            raise RequestRefusedError(f"the action {press.type} cannot be recorded: memory or disk is full")
+        pressed, end_s = self._judged(now, press, log_ns), time.monotonic() + ANSWER_S
+        while pressed.verdict != "accepted" and time.monotonic() < end_s:
+            time.sleep(LOOK_S)
+            self._judge_again(now, pressed)
+        if pressed.verdict == "accepted":
+            self._report(now, pressed)
+        else:
+            self._report_later(now, pressed)
+        return pressed.to_data()
+
+    def _present_ns(self, now: _Open) -> int:
+        """The present [ns] by the clock that stamps the hand's poses, to which presses are matched."""
         self._take_poses()
         with self._sightings_lock:
-            return judge(
-                self._sightings,
-                demonstrated.end_effector_frame,
-                demonstrated.objects,
-                self._sightings.moved(stamp_ns, arrived_ns),
-                self.options.plausible,
-            )
+            return self._sightings.now_ns(now.demonstrated.end_effector_frame, self._receiver.clock.now_ns())
 
-    def _report(self, now: _Open, press: Mapping[str, Any], arrived_ns: int) -> None:
-        """Tell of a press, unless its demonstration has ended meanwhile."""
-        if now is not self._open:
-            return
-        finding = self._finding(now.demonstrated, press["stamp_ns"], arrived_ns)
-        now.unseen = finding.unseen
-        self._tell(
-            "action",
-            type=press["type"],
-            object=press.get("object"),
-            action_stamp_ns=press["stamp_ns"],
-            recorded=True,
-            unseen=list(finding.unseen),
-            findings=list(finding.sentences),
-        )
-        for sentence in finding.sentences:
-            self._alarm(f"at the action {press['type']}: {sentence}")
+    def _judged(self, now: _Open, press: ActionPress, arrived_ns: int) -> Pressed:
+        now.stamps.append((press.stamp_ns, press.type))
+        self._take_poses()
+        with self._sightings_lock:
+            moved_ns = self._sightings.moved(press.stamp_ns, arrived_ns)
+            return now.presses.take(replace(press, stamp_ns=moved_ns), press.stamp_ns, self._sightings)
+
+    def _judge_again(self, now: _Open, pressed: Pressed) -> None:
+        self._take_poses()
+        with self._sightings_lock:
+            now.presses.again(pressed, self._sightings)
+
+    def _report_later(self, now: _Open, pressed: Pressed) -> None:
+        """What a press needs may be on its way: it is judged once more before it is told."""
+
+        def again() -> None:
+            if now is self._open:
+                self._judge_again(now, pressed)
+                self._report(now, pressed)
+
+        timer = threading.Timer(SETTLE_S, lambda: self._requests.put(again))
+        timer.daemon = True
+        timer.start()
+
+    def _report(self, now: _Open, pressed: Pressed) -> None:
+        """Tell of a press."""
+        now.unseen = pressed.finding.unseen
+        findings = list(pressed.finding.sentences)
+        more = {"action_stamp_ns": pressed.stamp_ns, "recorded": True, "unseen": list(now.unseen), "findings": findings}
+        self._tell("action", **pressed.to_data(), **more)
+        for sentence in dict.fromkeys((*pressed.sentences, *findings)):
+            self._alarm(f"at the action {pressed.press.type}: {sentence}")
 
     def _alarm(self, sentence: str) -> None:
         self._alarms.append(sentence)
@@ -553,14 +618,6 @@ def _finish(
         now.demonstrated, outcome=outcome, messages_lost=lost, gaps=gaps, more=more, continued=continued
     )
     return now.writing.finish(described)
-
-
-def _press(payload: bytes) -> dict[str, Any] | None:
-    try:
-        press = wire.parse_action(payload)
-    except PayloadError:
-        return None
-    return {"stamp_ns": press.stamp_ns, "type": press.type, "object": press.object}
 
 
 def _new_id(task: str) -> str:

@@ -8,19 +8,22 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import defaultdict, deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
+import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 
+from learner.model import GripperSample, Track
 from learner.model.stamps import Timeline
+from learner.observation import Freshness
 from recorder.clocks import THE_GRIPPER, clock_sentences
 from recorder.errors import PayloadError
 from recorder.intake.ledger import Loss
 from recorder.notices import Notices
-from recorder.wire import ACTION, GRIPPER, NS, POSES, parse_gripper, parse_sighting, parse_transforms
+from recorder.wire import ACTION, GRIPPER, NS, POSES, Sighting, parse_gripper, parse_sighting, parse_transforms
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,6 @@ class Plausible:
     """Jumps are looked for in so long before the action."""
 
 
-Point = tuple[float, float, float]
 FAR_M: Final = 20.0
 """No arm reaches so far: what is said to be there is given in another unit."""
 FAR: Final = "{child} is more than 20 m away from {base}; positions are metres, these look like millimetres"
@@ -64,12 +66,17 @@ class Sightings:
     children nothing is told. Not safe for threads: its owner holds a lock.
     """
 
+    freshness: Final = Freshness()
+
     def __init__(self, base_frame: str, names: Sequence[str] = (), notices: Notices | None = None) -> None:
         self.base_frame, self._names = base_frame, frozenset(names)
         self._notices = notices or Notices()
-        self._timeline: Timeline[Point | None] = Timeline()
+        self._timeline: Timeline[Sighting | GripperSample] = Timeline()
         self._stamps: dict[str, deque[int]] = defaultdict(deque)
-        self._points: dict[str, deque[Point]] = defaultdict(deque)
+        self._seen: dict[str, deque[Sighting]] = defaultdict(deque)
+        self._heard: dict[str, tuple[int, int]] = {}
+        self.gripper: list[GripperSample] = []
+        """Of the whole demonstration, by stamp: of each run of one state the first and the last."""
         self.newest_ns = 0
 
     def add(self, payload: bytes, arrived_ns: int) -> None:
@@ -90,12 +97,23 @@ class Sightings:
         if not self.base_frame:
             return
         try:
-            stamp_ns = parse_gripper(payload).stamp_ns
+            sample = parse_gripper(payload)
         except PayloadError as error:
             self._notices.add(f"a message on {GRIPPER} {error}")
             return
-        self._timeline.take(THE_GRIPPER, stamp_ns, arrived_ns, None)
+        for stamp_ns, found in self._timeline.take(THE_GRIPPER, sample.stamp_ns, arrived_ns, sample):
+            assert isinstance(found, GripperSample)
+            self._keep_gripper(replace(found, stamp_ns=stamp_ns))
         self._note_clocks()
+
+    def now_ns(self, child: str, now_ns: int) -> int:
+        """What the clock that stamps a child's poses shows at a log time [ns]; the log time where it never came."""
+        stamp_ns, arrived_ns = self._heard.get(child, (now_ns, now_ns))
+        return stamp_ns + max(now_ns - arrived_ns, 0)
+
+    def tracks(self, names: Iterable[str]) -> dict[str, Track]:
+        """The last seconds of those names that were seen."""
+        return {name: _track(self._stamps[name], self._seen[name]) for name in names if self._stamps.get(name)}
 
     def moved(self, stamp_ns: int, arrived_ns: int) -> int:
         """Where the stamp [ns] of an action stands on the timeline of the poses."""
@@ -114,8 +132,11 @@ class Sightings:
             return
         if math.hypot(*seen.position) > FAR_M:
             self._note(child, FAR.format(child=child, base=self.base_frame))
-        for stamp_ns, point in self._timeline.take(child, seen.stamp_ns, arrived_ns, seen.position):
-            self._keep(child, stamp_ns, point)
+        for stamp_ns, found in self._timeline.take(child, seen.stamp_ns, arrived_ns, seen):
+            assert isinstance(found, Sighting)
+            if found is seen:
+                self._heard[child] = seen.stamp_ns, arrived_ns
+            self._keep(child, stamp_ns, found)
 
     def _note(self, child: str, sentence: str) -> None:
         if child in self._names:
@@ -132,24 +153,32 @@ class Sightings:
         steps.clear()
         strays.clear()
 
-    def _keep(self, child: str, stamp_ns: int, point: Point | None) -> None:
-        assert point is not None
+    def _keep(self, child: str, stamp_ns: int, seen: Sighting) -> None:
         self.newest_ns = max(self.newest_ns, stamp_ns)
-        stamps, points = self._stamps[child], self._points[child]
+        stamps, kept = self._stamps[child], self._seen[child]
         index = bisect_right(stamps, stamp_ns)
         if index and stamps[index - 1] == stamp_ns:
             return
         stamps.insert(index, stamp_ns)
-        points.insert(index, point)
+        kept.insert(index, seen)
         while stamps[0] < self.newest_ns - KEPT_NS and len(stamps) > 1:
             stamps.popleft()
-            points.popleft()
+            kept.popleft()
 
-    def _forget(self, child: str, stamp_ns: int) -> None:
+    def _keep_gripper(self, sample: GripperSample) -> None:
+        index = bisect_right(self.gripper, sample.stamp_ns, key=lambda each: each.stamp_ns)
+        before = [each.state for each in self.gripper[max(index - 2, 0) : index]]
+        if index == len(self.gripper) and before == [sample.state, sample.state]:
+            self.gripper.pop()
+            index -= 1
+        self.gripper.insert(index, sample)
+
+    def _forget(self, sender: str, stamp_ns: int) -> None:
         """A stamp that was taken in turned out a stray."""
-        stamps = self._stamps.get(child)
+        self.gripper = [each for each in self.gripper if sender != THE_GRIPPER or each.stamp_ns != stamp_ns]
+        stamps = self._stamps.get(sender)
         if stamps is not None and stamp_ns in stamps:
-            del self._points[child][stamps.index(stamp_ns)]
+            del self._seen[sender][stamps.index(stamp_ns)]
             stamps.remove(stamp_ns)
             self.newest_ns = max((stamps[-1] for stamps in self._stamps.values() if stamps), default=0)
 
@@ -168,8 +197,8 @@ class Sightings:
         """The longest step [m] between two sightings of one moment and the next, shortly before a stamp."""
         begin_ns = stamp_ns - int(plausible.window_s * NS)
         sightings = [
-            (stamp, point)
-            for stamp, point in zip(self._stamps.get(child, ()), self._points.get(child, ()), strict=True)
+            (stamp, seen.position)
+            for stamp, seen in zip(self._stamps.get(child, ()), self._seen.get(child, ()), strict=True)
             if begin_ns <= stamp <= stamp_ns
         ]
         steps = (
@@ -180,11 +209,16 @@ class Sightings:
         return max(steps, default=0.0)
 
 
+def _track(stamps_ns: Iterable[int], seen: Iterable[Sighting]) -> Track:
+    numbers = np.array([(*each.position, *each.quaternion_xyzw) for each in seen], dtype=np.float64)
+    return Track(np.array(stamps_ns, dtype=np.int64), numbers[:, :3], numbers[:, 3:])
+
+
 NOT_WATCHING: Final = Sightings("")
 """Takes nothing in."""
 
 
-def judge(
+def find(
     sightings: Sightings, end_effector_frame: str, objects: Sequence[str], stamp_ns: int, plausible: Plausible
 ) -> Finding:
     """What is wrong with the poses around an action that was chosen at a stamp [ns]."""

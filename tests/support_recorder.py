@@ -25,6 +25,7 @@ START = {
     "objects": ["A", "B"],
     "base_frame": "base",
     "end_effector_frame": "tool0",
+    "unseen_ok": True,
 }
 
 

@@ -128,7 +128,7 @@ def soak(folder: Path, rounds: int, rng: np.random.Generator) -> Soaked:
         for publisher in publishers:
             publisher.rest()
         wait_for(lambda: _reached(operator), "the recorder at the end")
-        stopped = ask(operator, "stop", {"outcome": "success"})
+        stopped = ask(operator, "stop", {"outcome": "unknown"})
         result.published = {publisher.topic: publisher.count for publisher in publishers}
     _read(Path(stopped["file"]), result)
     result.lost = stopped["lost"]

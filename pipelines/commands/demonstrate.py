@@ -1,4 +1,13 @@
-"""`treewright demonstrate`: the operator's buttons (CONTRACT, section 1)."""
+"""`treewright demonstrate`: the operator's buttons (CONTRACT, section 1).
+
+    start, pause, resume, split, stop, discard, status   as the recorder's requests
+    pick [OBJECT], place [OBJECT], drop [OBJECT]         an action; the end-effector stands where it will do it
+    signal NAME VALUE                                    a machine's signal that is set; VALUE is JSON, else text
+    undo                                                 takes back the newest action that is not taken back yet
+
+An action answers when it is durable, with the recorder's verdict: accepted, doubtful or contradicts, the reason of the
+latter two on standard error. It is recorded in each case, so the exit code is 0. With --json: the recorder's reply.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +24,8 @@ from pipelines.network.session import add_zenoh_arguments, open_session
 if TYPE_CHECKING:
     import zenoh
 
-ACTIONS = ("pick", "place", "drop")
+MOVES = ("pick", "place", "drop")
+ACTIONS = (*MOVES, "signal", "undo")
 REQUESTS = ("pause", "resume", "split", "discard", "status")
 APPEARS_S = 3.0
 """What a session has not heard of for this long [s] after it was opened is not on the network."""
@@ -38,10 +48,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     start.add_argument("--base-frame", default="base", help="default: base")
     start.add_argument("--end-effector-frame", default="tool0", help="default: tool0")
     start.add_argument("--scene", metavar="JSON", help="sizes and symmetries (CONTRACT, section 2), or @FILE")
-    for name in ACTIONS:
+    start.add_argument("--unseen-ok", action="store_true", help="also with names of which the cell's poses do not tell")
+    for name in MOVES:
         action = buttons.add_parser(name, help=f"the end-effector stands where it will {name}", parents=[common])
         action.add_argument("object", nargs="?", help="by default the nearest object, or the one held")
         action.add_argument("--stamp-ns", type=STAMP_NS, help="the moment it was chosen (default: now)")
+    signal = buttons.add_parser("signal", help="a machine's signal is set", parents=[common])
+    signal.add_argument("signal", metavar="NAME")
+    signal.add_argument("value", type=_value, metavar="VALUE", help="true, false, a number, or a text")
+    signal.add_argument("--stamp-ns", type=STAMP_NS, help="the moment it was chosen (default: now)")
+    buttons.add_parser("undo", help="take back the newest action that is not taken back yet", parents=[common])
     stop = buttons.add_parser("stop", help="end the demonstration; answers when it is durable", parents=[common])
     stop.add_argument("--outcome", choices=("success", "failure", "unknown"), default="success")
     for name in REQUESTS:
@@ -54,11 +70,22 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
     prefix = f"treewright/{check_name('cell', arguments.cell)}"
     with open_session(arguments) as session:
-        button = _act if arguments.button in ACTIONS else _ask
+        button, tell = (_act, _tell_verdict) if arguments.button in ACTIONS else (_ask, _tell_reply)
         reply = button(session, prefix, arguments)
     console.emit(reply)
-    console.say("\n".join(f"{name}: {_shown(value)}" for name, value in reply.items()))
+    tell(reply, console)
     return 0
+
+
+def _tell_reply(reply: dict[str, Any], console: Console) -> None:
+    console.say("\n".join(f"{name}: {_shown(value)}" for name, value in reply.items()))
+
+
+def _tell_verdict(reply: dict[str, Any], console: Console) -> None:
+    name = f" {reply['object']}" if reply["object"] else ""
+    console.say(f"action {reply['step']}: {reply['type']}{name}: {reply['verdict']}")
+    if reply["reason"]:
+        console.warn(reply["reason"])
 
 
 def _ask(session: zenoh.Session, prefix: str, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -105,6 +132,7 @@ def _request(arguments: argparse.Namespace) -> dict[str, Any]:
         "base_frame": arguments.base_frame,
         "end_effector_frame": arguments.end_effector_frame,
         **({"scene": _scene(arguments.scene)} if arguments.scene else {}),
+        **({"unseen_ok": True} if arguments.unseen_ok else {}),
     }
 
 
@@ -118,43 +146,33 @@ def _scene(text: str) -> Any:
         raise CommandError(f"the scene is not JSON: {error}") from error
 
 
+def _value(text: str) -> bool | float | str:
+    """The value of a signal: what is JSON and neither null, a list nor an object is that, anything else a text."""
+    try:
+        value = json.loads(text)
+    except ValueError:
+        return text
+    return value if isinstance(value, bool | int | float | str) else text
+
+
 def _act(session: zenoh.Session, prefix: str, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Publish an action, and answer when it is durable."""
-    # Asking first brings the route up, so that the one message that follows is not published into the void.
+    """Press an action, and answer when it is durable."""
     before = ask_recorder(session, prefix, "status", {}, arguments.timeout)
-    stamp_ns = time.time_ns() if arguments.stamp_ns is None else arguments.stamp_ns
-    action = {"stamp_ns": stamp_ns, "type": arguments.button}
-    if arguments.object is not None:
-        action["object"] = arguments.object
-    _publish(session, f"{prefix}/action", json.dumps(action))
-    if before["state"] != "recording":
-        raise CommandError(f"the action {arguments.button} was pressed, but nothing is being recorded; start first")
-    return {"action": action, **_when_durable(session, prefix, before, arguments.timeout)}
+    given = {name: getattr(arguments, name, None) for name in ("object", "signal", "value", "stamp_ns")}
+    request = {"type": arguments.button, **{name: value for name, value in given.items() if value is not None}}
+    reply = ask_recorder(session, prefix, "press", request, arguments.timeout)
+    _await_durable(session, prefix, before, arguments.timeout)
+    return reply
 
 
-def _publish(session: zenoh.Session, key: str, payload: str) -> None:
-    import zenoh
-
-    from pipelines.network.question import await_somebody
-    from recorder.wire import ACTION_ENCODING
-
-    with session.declare_publisher(
-        key,
-        encoding=ACTION_ENCODING,
-        congestion_control=zenoh.CongestionControl.BLOCK,
-    ) as publisher:
-        await_somebody(publisher, time.monotonic() + APPEARS_S)
-        publisher.put(payload)
-
-
-def _when_durable(session: zenoh.Session, prefix: str, before: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+def _await_durable(session: zenoh.Session, prefix: str, before: dict[str, Any], timeout_s: float) -> None:
     end_s = time.monotonic() + timeout_s
     while time.monotonic() < end_s:
         status = ask_recorder(session, prefix, "status", {}, timeout_s)
         if status["demonstration_id"] != before["demonstration_id"]:
             raise CommandError("the recording ended before the action was durable; look at `demonstrate status`")
         if status["actions_durable"] > before["actions_durable"]:
-            return status
+            return
         time.sleep(0.02)
     raise CommandError(f"the action was sent, but is not durable after {timeout_s:g} s; look at `demonstrate status`")
 

@@ -21,7 +21,7 @@ from recorder.intake.channels import KEPT, MOST, Channels
 from recorder.intake.ledger import Ledger, Loss, Source
 from recorder.intake.waiting import Intake, PreRoll
 from recorder.notices import Notices
-from recorder.wire import ACTION, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES, SIGNALS, listed
+from recorder.wire import ACTION, ACTION_ENCODING, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES, SIGNALS, listed
 
 MOST_ROUTES: Final = 10_000
 """More keys than these are looked at anew in the next recording."""
@@ -29,6 +29,8 @@ NO_CHANNEL: Final = (
     f"a message is not recorded, because its key is not among the first {MOST - KEPT}, and a file holds no more; "
     "leave keys out with --exclude"
 )
+OURSELVES: Final[Source] = ("the recorder", 0)
+"""The source of the actions that are pressed at the recorder itself: their numbers have no gaps."""
 _PUT: Final = zenoh.SampleKind.PUT
 
 
@@ -111,6 +113,7 @@ class Receiver:
         self._intake: Intake | None = None
         self._start_ns = 0
         self._late: set[Source] = set()
+        self._own = itertools.count()
         self._sessions: dict[zenoh.ZenohId, str] = {}
         self._paused = False
         self._routes: dict[str, Route] = {}
@@ -284,6 +287,22 @@ class Receiver:
             self._on_early((route.topic, log_ns, payload))
         elif route.action:
             self._on_action(Arrival(log_ns, payload, intake is not None and not self._paused))
+
+    def record_press(self, payload: bytes) -> int | None:
+        """Record an action that was pressed at the recorder itself; its log time [ns], None if it is not recorded."""
+        route = self._route(f"{self._prefix}{ACTION[1:]}")
+        with self.lock:
+            log_ns, intake = self.clock.now_ns(), self._intake
+            if intake is None or self._paused:
+                return None
+            number = next(self._own)
+            self.ledger.arrived(route.topic, OURSELVES, number, log_ns)
+            channel = route.channels.get(ACTION_ENCODING) or self._channel(route, ACTION_ENCODING)
+            if not channel or not intake.add(channel, number, log_ns, log_ns, payload, True, True):
+                self.ledger.refused(route.topic, OURSELVES, log_ns)
+                return None
+            self.counts[route.topic] = self.counts.get(route.topic, 0) + 1
+        return log_ns
 
     def _session(self, session: zenoh.ZenohId) -> str:
         return self._sessions.setdefault(session, str(session))

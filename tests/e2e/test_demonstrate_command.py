@@ -14,7 +14,8 @@ from support_processes import command, daemon
 
 from pipelines.network.session import open_session
 
-START = ("--task", "lift", "--user", "u1", "--objects", "A", "--base-frame", "map", "--end-effector-frame", "hand")
+START = ("--task", "lift", "--user", "u1", "--objects", "A", "--base-frame", "map", "--end-effector-frame", "hand",
+         "--unseen-ok")  # fmt: skip
 
 
 @pytest.fixture
@@ -31,11 +32,18 @@ def test_every_button_finds_a_recorder_that_is_there(tmp_path: Path, endpoint: s
     press = ("demonstrate", "--cell", "c1", "--json", "--connect", endpoint)
     with daemon(tmp_path, "record", "--cell", "c1", "--connect", endpoint) as recorder:
         assert recorder.hear() == {"ready": True}
-        buttons = [("status",)] * 6 + [("start", *START), ("pick", "A"), ("status",), ("stop",)]
+        buttons = [("status",)] * 4 + [
+            ("start", *START), ("pick", "A"), ("undo",), ("signal", "door", "true"), ("status",), ("stop",)
+        ]  # fmt: skip
         pressed = [command(tmp_path, *press, *button) for button in buttons]
-    assert [done.stderr for done in pressed] == [""] * len(buttons)
-    assert json.loads(pressed[-2].stdout)["actions_durable"] == 1
-    assert json.loads(pressed[-1].stdout)["messages"] == {"/action": 1}
+    assert [done.returncode for done in pressed] == [0] * len(buttons)
+    assert [bool(done.stderr) for done in pressed] == [False] * 5 + [True, False, True, False, False]
+    pick, undo, signal, status, stop = (json.loads(done.stdout) for done in pressed[-5:])
+    assert (pick["verdict"], pressed[5].stderr) == ("contradicts", f"treewright: {pick['reason']}\n")
+    assert (undo["step"], undo["type"], undo["object"]) == (0, "undo", "A")
+    assert "sets door to true" in signal["reason"]
+    assert status["actions_durable"] == 3
+    assert stop["messages"] == {"/action": 3}
 
 
 def test_a_recorder_that_is_not_there_is_not_waited_for_long(tmp_path: Path, endpoint: str) -> None:

@@ -90,7 +90,7 @@ def test_a_router_restart_loses_nothing_that_a_cache_covers_and_counts_the_rest(
             with router(endpoint):
                 wait_for(lambda: reached(theirs), "the recorder behind the new router")
                 publish(50)
-                stopped = ask(theirs, "stop", {"outcome": "success"})
+                stopped = ask(theirs, "stop", {"outcome": "unknown"})
                 got = recorded(stopped["file"])
                 assert len(got) == stopped["messages"]["/force"]
                 assert stopped["lost"] == {"/force": published - len(got)}
@@ -120,7 +120,7 @@ def test_a_publisher_that_comes_late_loses_nothing_that_its_cache_covers(
                     assert time.monotonic() < end_s
                     publisher.put(str(number))
                     number += 1
-                stopped = cell.ask("stop", {"outcome": "success"})
+                stopped = cell.ask("stop", {"outcome": "unknown"})
     got = recorded(stopped["file"])
     assert stopped["lost"] == {"/force": number - len(got)}
     assert (got == list(range(number))) == covered
@@ -138,7 +138,7 @@ def test_a_publisher_that_dies_and_returns_is_followed(tmp_path: Path) -> None:
                     publisher.put(str(life * 100 + number))
                     time.sleep(0.0005)
                 wait_for(lambda life=life: cell.ask("status")["messages"].get("/force") == (life + 1) * 100)
-        stopped = cell.ask("stop", {"outcome": "success"})
+        stopped = cell.ask("stop", {"outcome": "unknown"})
     assert recorded(stopped["file"]) == list(range(300))
     assert stopped["lost"] == {"/force": 0}
 
@@ -149,7 +149,7 @@ def test_what_was_published_before_the_start_is_neither_recorded_nor_lost(tmp_pa
             publisher.put(str(number))
         cell.ask("start", START)
         publisher.put("100")
-        stopped = cell.ask("stop", {"outcome": "success"})
+        stopped = cell.ask("stop", {"outcome": "unknown"})
     assert recorded(stopped["file"]) == [100]
     assert stopped["lost"] == {"/force": 0}
 
@@ -182,7 +182,7 @@ def test_what_memory_cannot_hold_is_counted_and_actions_still_get_in(tmp_path: P
             assert cell.recorder._open.writing.intake.waiting_bytes < 3 << 20  # type: ignore[union-attr]
             resumed.append(True)
             wait_for(lambda: cell.ask("status")["actions_durable"] == 1)
-            stopped = cell.ask("stop", {"outcome": "success"})
+            stopped = cell.ask("stop", {"outcome": "unknown"})
     assert stopped["lost"]["/image"] == 100 - stopped["messages"]["/image"]
     assert stopped["lost"]["/image"] == stopped["overflowed"]["/image"] >= 60
     assert stopped["messages"]["/action"] == 1
@@ -197,7 +197,7 @@ def test_a_gap_near_an_action_marks_the_demonstration(tmp_path: Path) -> None:
         cell.recorder._open.writing.intake.limit_bytes = 1 << 20  # type: ignore[union-attr]
         cell.press("pick", stamp_ns=stamp_ns)
         wait_for(lambda: cell.ask("status")["messages"].get("/action") == 1)
-        stopped = cell.ask("stop", {"outcome": "success"})
+        stopped = cell.ask("stop", {"outcome": "unknown"})
     assert stopped["gaps"] == ["1 messages of /poses were lost near the action pick"]
     assert read_header(Path(stopped["file"])).gaps == tuple(stopped["gaps"])
 
@@ -219,7 +219,7 @@ def test_a_publisher_with_a_fixed_id_that_is_started_again_is_followed(tmp_path:
                 expected = 200 * (life + 1) if between == "recording" else 200
                 wait_for(lambda expected=expected: cell.ask("status")["messages"].get("/force") == expected)
             if life == 1 or between == "idle":
-                stopped = cell.ask("stop", {"outcome": "success"})
+                stopped = cell.ask("stop", {"outcome": "unknown"})
     assert recorded(stopped["file"]) == list(range(0 if between == "recording" else 200, 400))
     assert stopped["lost"] == {"/force": 0}
     assert stopped["notes"] == ["a publisher of /force was started again and begins a new account"]
@@ -247,7 +247,7 @@ def test_what_a_second_life_says_while_it_is_not_heard_is_had_from_its_cache(tmp
                 publisher.put(str(number))
             with zenoh.open(configuration(listen=behind, connect=cell.endpoint, mode="router")):
                 wait_for(lambda: cell.ask("status")["messages"].get("/force") == 55)
-                stopped = cell.ask("stop", {"outcome": "success"})
+                stopped = cell.ask("stop", {"outcome": "unknown"})
     assert recorded(stopped["file"]) == list(range(55))
     assert stopped["lost"] == {"/force": 0}
 
@@ -265,7 +265,7 @@ def test_keys_without_number_leave_room_for_the_essential_and_for_the_next_demon
                 cell.put_json(f"key{life}/{number}", number)
             cell.put_json("gripper", {"stamp_ns": time.time_ns(), "state": "open"})
             cell.put_poses({})
-            stopped = cell.ask("stop", {"outcome": "success"})
+            stopped = cell.ask("stop", {"outcome": "unknown"})
             messages_of = stopped["messages"]
             assert messages_of["/poses"] == messages_of["/gripper"] == 1
             assert len(messages_of) == 52
@@ -304,7 +304,7 @@ def test_what_is_latched_is_in_every_file(tmp_path: Path, numbered: bool) -> Non
             stream.put("0")
             ask(theirs, "split")
             stream.put("0")
-            stopped = ask(theirs, "stop", {"outcome": "success"})
+            stopped = ask(theirs, "stop", {"outcome": "unknown"})
             for file in stopped["parts"]:
                 found = [(channel.topic, message.data) for channel, message in messages(Path(file))]
                 held = [data for topic, data in found if topic == "/camera/info"]
