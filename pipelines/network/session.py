@@ -30,8 +30,9 @@ def open_session(
     """An open session, closed at the end of the block.
 
     Options win over the environment (lists separated by commas), which wins over the configuration file. Where an
-    endpoint is named, multicast scouting is off: the network is what was named. `mode` ('peer', 'client', 'router')
-    overrides the configuration's.
+    endpoint is named, multicast scouting is off: the network is what was named. Who only connects is a client, which
+    listens nowhere: a peer would, on all interfaces, and strangers with it. Who listens is a router, through which its
+    clients reach each other. `mode` ('peer', 'client', 'router') overrides this and the configuration's.
 
     Raises CommandError for a configuration that Zenoh refuses, UnreachableError if an endpoint does not answer.
     """
@@ -48,10 +49,11 @@ def open_session(
     try:
         config = zenoh.Config.from_file(file) if file else zenoh.Config()
         config.insert_json5("timestamping/enabled", "true")
-        for key, endpoints in (("connect/endpoints", connect), ("listen/endpoints", listen)):
-            if endpoints:
-                config.insert_json5(key, json.dumps(endpoints))
-                config.insert_json5("scouting/multicast/enabled", "false")
+        if connect or listen:
+            config.insert_json5("connect/endpoints", json.dumps(connect))
+            config.insert_json5("listen/endpoints", json.dumps(listen))
+            config.insert_json5("scouting/multicast/enabled", "false")
+            config.insert_json5("mode", json.dumps("router" if listen else "client"))
         if mode:
             config.insert_json5("mode", json.dumps(mode))
     except (zenoh.ZError, OSError) as error:
