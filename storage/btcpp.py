@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from learner.errors import LearnerError
-from learner.model.names import NONE, check_name, identifier
+from learner.model.names import NODES, NONE, check_name, identifier
 from learner.model.tree import (
     ACTIONS,
     CONDITIONS,
@@ -168,7 +168,9 @@ def _roots(root: ET.Element) -> dict[str, ET.Element]:
     roots: dict[str, ET.Element] = {}
     for behavior in root.iterfind("BehaviorTree"):
         tree_id = behavior.get("ID", "")
-        if not IDENTIFIER.fullmatch(tree_id) or tree_id in (*KINDS, *EXPLICIT):
+        if tree_id in NODES:
+            raise WrittenTreeError(f"a BehaviorTree cannot have the ID {tree_id}, which is the name of a node")
+        if not IDENTIFIER.fullmatch(tree_id):
             raise WrittenTreeError(f"a BehaviorTree cannot have the ID {tree_id!r}; use letters, digits and '_'")
         if tree_id in roots:
             raise WrittenTreeError(f"two BehaviorTrees have the ID {tree_id}")

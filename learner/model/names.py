@@ -14,6 +14,19 @@ RULE: Final = (
 )
 NONE: Final = "none"
 """What the gripper holds when it holds nothing; no object may be called so (CONTRACT, Names)."""
+NODES: Final = frozenset((
+    "Action", "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "Condition", "Control",
+    "CountAt", "Decorator", "Delay", "Drop", "Fallback", "FindGrasp", "FindHeld", "FindInTheWay", "FindObject",
+    "FindSpot", "FindUnder", "FindUpon", "ForceFailure", "ForceSuccess", "GripperIs", "IfThenElse", "InGripper",
+    "Inverter", "KeepRunningUntilFailure", "LoopBool", "LoopDouble", "LoopInt", "LoopString", "ManualSelector",
+    "ObjectAt", "ObjectPosedAt", "ObjectRoughlyAt", "Parallel", "ParallelAll", "Pick", "Place", "Precondition",
+    "ReactiveFallback", "ReactiveSequence", "Repeat", "RetryUntilSuccesful", "RetryUntilSuccessful", "RunOnce",
+    "Script", "ScriptCondition", "Sequence", "SequenceStar", "SequenceWithMemory", "SetBlackboard",
+    "SetGripper", "SetSignal", "SignalIs", "SkipUnlessUpdated", "Sleep", "SubTree", "SubTreePlus", "Switch2",
+    "Switch3", "Switch4", "Switch5", "Switch6", "Timeout", "TryCatch", "UnsetBlackboard", "UpdateBlackboard",
+    "WaitValueUpdate", "WasEntryUpdated", "WhileDoElse",
+))  # fmt: skip
+"""No tree can have the ID of a node: of those that BehaviorTree.CPP 4 brings along, and those of the contract."""
 RESERVED: Final = {"cell": {"artifacts"}, "object": {NONE}}
 
 

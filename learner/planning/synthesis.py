@@ -18,8 +18,8 @@ from dataclasses import replace
 
 from learner.inference.goals import Group, Subgoal
 from learner.model import Definition, Demonstration, Drop, GripperIs, Node, Place, SetGripper, Tree
-from learner.model.names import identifier
-from learner.model.tree import Value, fallback, is_recovery, leaf, sequence, subtree
+from learner.model.names import NODES, identifier
+from learner.model.tree import RECOVERY_PREFIX, Value, fallback, is_recovery, leaf, sequence, subtree
 from learner.planning.actions import LearnedActions
 from learner.planning.recovery import Recovery
 
@@ -28,9 +28,13 @@ HOLD_PORTS = ("object", "orientation", "position")
 
 
 def main_id(demonstrations: Sequence[Demonstration]) -> str:
-    """The ID of the main tree: the task's name; one that begins with a digit gets a 'T' before it."""
+    """The ID of the main tree: the task's name, with a 'T' before it where no main tree can be called so.
+
+    That is, where it begins with a digit, is the name of a node, or that of a SubTree that may stand beside it.
+    """
     name = identifier(demonstrations[0].task)
-    return name if not name[0].isdigit() else f"T{name}"
+    taken = name in NODES or name == HOLD or name.startswith(RECOVERY_PREFIX)
+    return f"T{name}" if taken or name[0].isdigit() else name
 
 
 def tree_of(tree_id: str, groups: Sequence[Group], actions: LearnedActions, recovery: Recovery) -> Tree:

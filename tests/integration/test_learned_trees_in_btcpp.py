@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,15 @@ from support_pose_world import PoseWorld
 from learner.execution.ticking import Status
 from learner.learning import METHODS, learn
 from learner.model import Demonstration, Pose, Tree
+from learner.model.names import NODES
 from learner.observation import observe
 from learner.parameters import Parameters
+from learner.planning.synthesis import main_id
 from learner.simulation.kinematic_world import KinematicWorld
 from recorder.recording import read_recording
 from recorder.yaml_import import import_folder
 from storage.btcpp import from_xml, to_xml, validate
+from storage.errors import WrittenTreeError
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 SAMPLES = {"object_in_box": 4, "tower_and_box": 4, "tower_and_box_noisy": 6}
@@ -82,3 +86,18 @@ def test_the_trees_of_another_writers_recordings_reach_the_goal(kind: str) -> No
         world = PoseWorld(scattered(list(shown[0].objects), np.random.default_rng(seed)))
         assert ticked_to_success(tree, world), world.faults
         assert math.hypot(*world.position("A", "box")[:2]) < 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_task_may_be_called_as_any_node_is(method: str) -> None:
+    """Names that no tree can bear are written so that the tree loads, and `verify` refuses those that are not."""
+    shown = demonstrated(SCENARIOS["object_in_box"], 3, 5)
+    learned = METHODS[method](shown, Parameters()).tree
+    taken = [definition.id for definition in learned.subtrees]
+    for name in (*sorted(NODES), "Hold", "Recover_Put_down", "7", "2.x-y", *taken):
+        tree = replace(learned, main=replace(learned.main, id=main_id([replace(shown[0], task=name)])))
+        xml = exported(tree)
+        assert CppTicker(tree.flattened(), PoseWorld(shown[0].initial), xml).tick() is not Status.SUCCESS
+        if name in NODES:
+            with pytest.raises(WrittenTreeError, match=f"the ID {name}, which is the name of a node"):
+                validate(xml.replace(f'"T{name}"', f'"{name}"'))
