@@ -3,7 +3,8 @@
     demonstrations   one row each; a row here is what makes a demonstration ingested
     actions          a row per action and frame, sorted by type, object and frame
     quarantine       recordings that were refused, with the reason
-    corrections      exclusions and relabelled actions, beside the original, which never changes
+    corrections      exclusions, relabelled and taken back actions, beside the original, which never changes; also of
+                     recordings in quarantine, which are judged by them again
 
 Every table is a Delta table and grows only. Any number of processes may read and write at once.
 """
@@ -18,7 +19,7 @@ from typing import Final, Literal, TypeVar, get_args
 
 import pyarrow as pa
 
-from learner.model import Demonstration
+from learner.model import DemonstratedAction, Demonstration
 from learner.model.demonstration import ActionType
 from storage.errors import ConflictError, NotStoredError, RelabelRefusedError, StorageUnavailableError
 from storage.rows import (
@@ -34,7 +35,7 @@ from storage.table import LostRaceError, Table
 
 Result = TypeVar("Result")
 Files = Sequence[str | Path] | Mapping[str, Sequence[str | Path]]
-CorrectionKind = Literal["exclude", "restore", "relabel"]
+CorrectionKind = Literal["exclude", "restore", "relabel", "undo"]
 
 ATTEMPTS: Final = 50
 """How often a writer that lost a race looks again; each race has a winner, so this ends."""
@@ -68,12 +69,14 @@ class Quarantined:
 class Entry:
     """A demonstration with a person's corrections made.
 
-    `demonstrated_types` holds, by step, what the operator had pressed where a person relabelled it since.
+    `demonstrated_types` holds, by step, what the operator had pressed where a person relabelled it since; `taken_back`
+    the steps that a person took back.
     """
 
     demonstration: Demonstration
     excluded: bool = False
     demonstrated_types: Mapping[int, ActionType] = field(default_factory=dict)
+    taken_back: tuple[int, ...] = ()
 
 
 class Lake:
@@ -168,6 +171,26 @@ class Lake:
         """
         return _until_won(lambda: self._try_to_relabel(demonstration_id, step, type))
 
+    def undo(self, demonstration_id: str, steps: Sequence[int]) -> bool:
+        """Take actions back; what was demonstrated stays beside. False if they were all taken back already.
+
+        What is left has to be picks and releases in turn. Raises NotStoredError, and RelabelRefusedError.
+        """
+        return _until_won(lambda: self._try_to_undo(demonstration_id, steps))
+
+    def correct_refused(self, demonstration_id: str, step: int, type: ActionType | Literal["undo"]) -> None:
+        """Keep what a person says of an action in a recording that is in quarantine; 'undo' takes it back."""
+        kind: CorrectionKind = "undo" if type == "undo" else "relabel"
+        named = None if type == "undo" else type
+        _until_won(lambda: self._correct(self._next_serial(), kind, demonstration_id, step, named))
+
+    def corrections(self) -> dict[str, list[tuple[int, ActionType | Literal["undo"]]]]:
+        """By demonstration, in quarantine too, each corrected step with its type or 'undo', oldest first."""
+        return {
+            name: [(row["step"], row["type"] or "undo") for row in rows if row["kind"] in ("relabel", "undo")]
+            for name, rows in self._corrections_by_id().items()
+        }
+
     def compact(self) -> None:
         """Rewrite the small files of many ingests as few sorted ones."""
         for table in (self._demonstrations, self._actions, self._quarantine, self._corrections):
@@ -229,6 +252,25 @@ class Lake:
         self._correct(serial, "relabel", demonstration_id, step, type_)
         return True
 
+    def _try_to_undo(self, demonstration_id: str, steps: Sequence[int]) -> bool:
+        serial = self._next_serial()
+        entry = self.entry(demonstration_id)
+        actions = {action.step: action for action in entry.demonstration.actions}
+        for step in steps:
+            if step not in actions and step not in entry.taken_back:
+                raise NotStoredError(f"step of {demonstration_id}", step, actions)
+        new = [step for step in dict.fromkeys(steps) if step in actions]
+        _check_in_turn(demonstration_id, [action for step, action in actions.items() if step not in new])
+        if new:
+            self._correct_all(serial, demonstration_id, new)
+        return bool(new)
+
+    def _correct_all(self, serial: int, demonstration_id: str, steps: Sequence[int]) -> None:
+        row = {"corrected_ns": time.time_ns(), "kind": "undo", "demonstration_id": demonstration_id, "type": None}
+        rows = [row | {"serial": serial + number, "step": step} for number, step in enumerate(steps)]
+        marks = {"corrections": serial + len(steps) - 1}
+        self._corrections.append(pa.Table.from_pylist(rows, CORRECTIONS), marks)
+
     def _correct(
         self,
         serial: int,
@@ -275,17 +317,35 @@ def _action_mark(demonstration: Demonstration) -> str:
 
 def _corrected(demonstration: Demonstration, corrections: Iterable[Row]) -> Entry:
     excluded = False
-    types: dict[int, ActionType] = {}
+    meant: dict[int, ActionType | None] = {}
     for row in corrections:
-        if row["kind"] == "relabel":
-            types[row["step"]] = row["type"]
+        if row["kind"] in ("relabel", "undo"):
+            meant[row["step"]] = row["type"]
         else:
             excluded = row["kind"] == "exclude"
-    changed = {a.step: a.type for a in demonstration.actions if types.get(a.step, a.type) != a.type}
-    actions = tuple(
-        replace(a, type=types[a.step], relabelled=True) if a.step in types else a for a in demonstration.actions
-    )
-    return Entry(replace(demonstration, actions=actions), excluded, changed)
+    types = {step: type_ for step, type_ in meant.items() if type_ is not None}
+    left = [action for action in demonstration.actions if action.step not in meant or action.step in types]
+    changed = {a.step: a.type for a in left if types.get(a.step, a.type) != a.type}
+    actions = tuple(replace(a, type=types[a.step], relabelled=True) if a.step in types else a for a in left)
+    taken_back = tuple(sorted(step for step in meant if step not in types))
+    return Entry(replace(demonstration, actions=actions), excluded, changed, taken_back)
+
+
+def _check_in_turn(demonstration_id: str, actions: Sequence[DemonstratedAction]) -> None:
+    """Raises RelabelRefusedError for what cannot have happened: all taken back, or a pick or a release too many."""
+    if not actions:
+        raise RelabelRefusedError(
+            f"nothing of {demonstration_id} would be left; `treewright demos exclude` leaves it out"
+        )
+    held: str | None = None
+    for action in actions:
+        picks = action.type == "pick"
+        if picks == (held is not None) or (not picks and action.object != held):
+            raise RelabelRefusedError(
+                f"then step {action.step} of {demonstration_id} would be a {action.type} of {action.object} while "
+                f"{held or 'nothing'} is held; take back a pick and its release together"
+            )
+        held = action.object if picks else None
 
 
 def _start(demonstration: Demonstration) -> tuple[int, str]:

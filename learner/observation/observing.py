@@ -11,9 +11,9 @@ from learner.errors import DemonstrationRefusedError, NameRefusedError
 from learner.model import DemonstratedAction, Demonstration, Recording, check_name
 from learner.model.demonstration import Outcome
 from learner.observation.freshness import Freshness
-from learner.observation.presses import SIGNAL, Judgement, Numbered, gripper_after, judge, next_press_ns, standing
+from learner.observation.presses import SIGNAL, Judgement, Numbered, judge_all, next_press_ns, standing
 from learner.observation.resting import released_ns, rest_ns
-from learner.observation.surroundings import Held, Surroundings
+from learner.observation.surroundings import surroundings_of
 
 NO_GRIPPER: Final = "the gripper's states were not recorded; actions are not checked by them"
 
@@ -37,7 +37,7 @@ class _Observer:
     def __init__(self, recording: Recording, freshness: Freshness, presses: Sequence[Numbered]) -> None:
         self.recording, self.freshness, self.presses = recording, freshness, presses
         r = recording
-        self.around = Surroundings(r.tracks, r.objects, r.end_effector_frame, r.scene, freshness)
+        self.around = surroundings_of(r, freshness)
 
     def demonstration(self) -> Demonstration:
         r = self.recording
@@ -109,13 +109,9 @@ class _Observer:
     def _judged(self) -> list[Judgement]:
         """Every press that stands, judged. Raises DemonstrationRefusedError at the first that contradicts."""
         judged: list[Judgement] = []
-        held: Held | None = None
-        for number, each in enumerate(self.presses):
-            found = judge(each, held, self.around, self.recording.gripper)
-            later = gripper_after(each, self.recording.gripper, next_press_ns(self.presses, number), self.freshness)
-            if found.verdict == "contradicts" or later:
-                raise DemonstrationRefusedError(found.reason if found.verdict == "contradicts" else later)
-            held = found.held
+        for found in judge_all(self.presses, self.around, self.recording.gripper):
+            if found.verdict == "contradicts":
+                raise DemonstrationRefusedError(found.reason)
             judged.append(found)
         return judged
 

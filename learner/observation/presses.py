@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal, get_args
 
 from learner.errors import DemonstrationRefusedError, NameRefusedError
@@ -76,6 +76,20 @@ def judge(numbered: Numbered, held: Held | None, around: Surroundings, gripper: 
         return _understood(step, press, held, around, gripper)
     except DemonstrationRefusedError as error:
         return Judgement(step, press, press.object, "contradicts", (str(error),), held=_held_after(press, held, around))
+
+
+def judge_all(
+    presses: Sequence[Numbered], around: Surroundings, gripper: Sequence[GripperSample]
+) -> Iterator[Judgement]:
+    """Every press judged in turn, also by what the gripper did after it."""
+    held: Held | None = None
+    for number, each in enumerate(presses):
+        found = judge(each, held, around, gripper)
+        later = gripper_after(each, gripper, next_press_ns(presses, number), around.freshness)
+        if later and found.verdict != "contradicts":
+            found = replace(found, verdict="contradicts", reasons=(later,))
+        held = found.held
+        yield found
 
 
 def _judge_signal(step: int, press: ActionPress, held: Held | None) -> Judgement:

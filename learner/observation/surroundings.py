@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from learner.model import Pose, Scene, Track
+from learner.model import Pose, Recording, Scene, Track
 from learner.model.holding import SLIP_M
 from learner.model.pose import Array, angle_between, mean_quaternion
 from learner.observation.believing import in_reach
@@ -129,6 +129,12 @@ class Surroundings:
         pose = still_pose(track, seen_ns, index, self.freshness)
         then = self.hand(seen_ns) if seen_ns > held.stamp_ns else held.end_effector
         return self.hand(stamp_ns) @ then.inverse() @ pose
+
+
+def surroundings_of(recording: Recording, freshness: Freshness | None = None) -> Surroundings:
+    """What was seen in a whole recording."""
+    r = recording
+    return Surroundings(r.tracks, r.objects, r.end_effector_frame, r.scene, freshness or Freshness())
 
 
 def last(track: Track, stamp_ns: int) -> int:

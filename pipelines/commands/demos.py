@@ -1,7 +1,8 @@
 """`treewright demos`: what was demonstrated, what was refused, and leaving a demonstration out.
 
     list [--task T]   every demonstration, and the recordings in quarantine with their reasons
-    show ID           one demonstration, action by action
+    show ID           one demonstration, action by action; one in quarantine too, with what contradicts
+    undo ID STEP …    take actions back; one in quarantine is judged again
     exclude ID        leave it out of learning
     restore ID        take it back
 
@@ -9,24 +10,32 @@ With --json:
 
     list      {"demonstrations": [...], "quarantined": [{"file", "sha256", "reason"}]}; each demonstration
               {"demonstration_id", "task", "user", "cell", "outcome", "actions": n, "objects", "start_ns", "sha256",
-              "excluded", "relabelled": [step], "warnings", "gaps"}
+              "excluded", "relabelled": [step], "taken_back": [step], "warnings", "gaps"}
     show      the same with "actions" as a list [{"step", "stamp_ns", "type", "demonstrated_type", "object",
               "end_effector", "frames", "rest", "rest_seen", "warnings"}], poses in the base frame as
               {"position": [x, y, z], "quaternion_xyzw": [x, y, z, w]}, and "base_frame", "end_effector_frame"
+              of one in quarantine {"demonstration_id", "task", "user", "cell", "outcome", "objects", "quarantined":
+              reason, "files", "taken_back", "actions": [{"step", "stamp_ns", "type", "demonstrated_type", "object",
+              "verdict", "reason"}]}
+    undo      {"demonstration_id", "taken_back": [step], "changed", "quarantined": the reason that is left, else null}
     exclude, restore   {"demonstration_id", "excluded", "changed"}
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from pipelines.commands.options import INDEX
 from pipelines.console import Console
 from pipelines.home import Home
 
 if TYPE_CHECKING:
     from learner.model import DemonstratedAction, Demonstration, Pose
+    from learner.observation.corrections import Meant
+    from learner.observation.presses import Judgement
+    from pipelines.steps.quarantine import QuarantinedDemonstration
     from storage.lake import Entry, Lake
 
 
@@ -36,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, help_ in (
         ("list", "every demonstration, and what is in quarantine"),
         ("show", "one demonstration, action by action"),
+        ("undo", "take back actions of a demonstration"),
         ("exclude", "leave a demonstration out of learning"),
         ("restore", "take an excluded demonstration back"),
     ):
@@ -46,6 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             action.add_argument("--task", metavar="T", help="only this task's")
         else:
             action.add_argument("id", metavar="ID", help="id of the demonstration")
+        if name == "undo":
+            numbers = "numbers of actions, as `treewright demos show` tells; of a pick and its release both"
+            action.add_argument("steps", metavar="STEP", type=INDEX, nargs="+", help=numbers)
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
@@ -72,6 +85,10 @@ def _list(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
 
 
 def _show(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
+    found = _quarantined(lake, arguments.id)
+    if found is not None:
+        _show_quarantined(found, console)
+        return
     entry = lake.entry(arguments.id)
     demonstration = entry.demonstration
     actions = [_action(action, entry, demonstration.base_frame) for action in demonstration.actions]
@@ -82,6 +99,75 @@ def _show(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
         console.say(_action_line(action, entry))
     for warning in (*demonstration.warnings, *demonstration.gaps):
         console.say(f"  warning: {warning}")
+
+
+def _quarantined(lake: Lake, demonstration_id: str) -> QuarantinedDemonstration | None:
+    """The demonstration of this id, if it is in quarantine and none in the lake has the id."""
+    from pipelines.steps.quarantine import find_quarantined
+
+    if demonstration_id in lake.known().values():
+        return None
+    return find_quarantined(Home.current(), lake, demonstration_id)
+
+
+def _show_quarantined(found: QuarantinedDemonstration, console: Console) -> None:
+    from pipelines.steps.quarantine import pressed_type
+
+    recording, judgements = found.recording, found.judgements
+    names = ("demonstration_id", "task", "user", "cell", "outcome")
+    console.emit(
+        {name: getattr(recording, name) for name in names}
+        | {"objects": list(recording.objects), "quarantined": found.reason, "files": list(map(str, found.files))}
+        | {"taken_back": found.taken_back}
+        | {"actions": [_judged(judgement, pressed_type(found, judgement.step)) for judgement in judgements]}
+    )
+    console.say(f"{recording.demonstration_id}  {recording.task} by {recording.user}: quarantined, {found.reason}")
+    for judgement in judgements:
+        why = f" ({judgement.reason})" if judgement.reason else ""
+        name = judgement.object or judgement.press.signal or "?"
+        console.say(f"  {judgement.step}  {judgement.press.type} {name}: {judgement.verdict}{why}")
+    for step in found.taken_back:
+        console.say(f"  {step}  {pressed_type(found, step)}: taken back")
+
+
+def _judged(judgement: Judgement, demonstrated_type: str) -> dict[str, Any]:
+    return {
+        "step": judgement.step,
+        "stamp_ns": judgement.press.stamp_ns,
+        "type": judgement.press.type,
+        "demonstrated_type": demonstrated_type,
+        "object": judgement.object,
+        "verdict": judgement.verdict,
+        "reason": judgement.reason,
+    }
+
+
+def _undo(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
+    found = _quarantined(lake, arguments.id)
+    changed, left = True, None
+    if found is None:
+        changed = lake.undo(arguments.id, arguments.steps)
+    else:
+        left = judge_again(lake, found, arguments.steps, "undo", console)
+    steps = list(dict.fromkeys(arguments.steps))
+    said = "taken back" if changed else "taken back already"
+    console.say(f"of {arguments.id} {said}: {', '.join(f'step {step}' for step in steps)}")
+    console.emit({"demonstration_id": arguments.id, "taken_back": steps, "changed": changed, "quarantined": left})
+
+
+def judge_again(
+    lake: Lake, found: QuarantinedDemonstration, steps: Sequence[int], meant: Meant, console: Console
+) -> str | None:
+    """Correct a demonstration in quarantine; returns why it is still there, None if it is ingested now."""
+    from pipelines.steps.quarantine import correct_quarantined
+
+    result = correct_quarantined(Home.current(), lake, found, steps, meant)
+    name = found.recording.demonstration_id
+    if not result.quarantined:
+        console.say(f"{name} is ingested now; learn from it with: treewright learn {found.recording.task}")
+        return None
+    console.say(f"{name} stays in quarantine: {result.quarantined[0].reason}")
+    return result.quarantined[0].reason
 
 
 def _exclude(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
@@ -99,6 +185,7 @@ def _restore(lake: Lake, arguments: argparse.Namespace, console: Console) -> Non
 ACTIONS: Final[dict[str, Callable[[Lake, argparse.Namespace, Console], None]]] = {
     "list": _list,
     "show": _show,
+    "undo": _undo,
     "exclude": _exclude,
     "restore": _restore,
 }
@@ -112,6 +199,7 @@ def _summary(entry: Entry) -> dict[str, Any]:
         "objects": list(demonstration.objects),
         "excluded": entry.excluded,
         "relabelled": sorted(entry.demonstrated_types),
+        "taken_back": list(entry.taken_back),
         "warnings": list(demonstration.warnings),
         "gaps": list(demonstration.gaps),
     }
@@ -122,6 +210,7 @@ def _line(entry: Entry) -> str:
     marks = [demonstration.outcome, f"{len(demonstration.actions)} actions"]
     marks += ["excluded"] if entry.excluded else []
     marks += [f"relabelled at step {step}" for step in sorted(entry.demonstrated_types)]
+    marks += [f"step {step} taken back" for step in entry.taken_back]
     marks += ["messages were lost near an action"] if demonstration.gaps else []
     return f"{demonstration.demonstration_id}  {demonstration.task} by {demonstration.user}: {', '.join(marks)}"
 

@@ -10,15 +10,17 @@ import secrets
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from learner.errors import LearnerError
 from learner.inference.labels import doubts
 from learner.inference.parameters import InferenceParameters
-from learner.model import Demonstration
+from learner.model import Demonstration, Recording
 from learner.observation import observe
+from learner.observation.corrections import Correction, corrected, told
+from learner.observation.presses import standing
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from recorder.errors import RecorderError
@@ -105,6 +107,7 @@ class _Ingest:
     def __init__(self, home: Home, lake: Lake, again: bool) -> None:
         self.home, self.lake, self.again = home, lake, again
         self.known_ids, self.known_files, self.since_ns = lake.known(), lake.known_files(), lake.known_since_ns()
+        self.corrections = lake.corrections()
         self.taken: dict[str, tuple[Demonstration, Source]] = {}
         self.known: list[str] = []
         self.quarantined: list[Refused] = []
@@ -189,11 +192,19 @@ class _Ingest:
             if sha256 in self.known_ids:
                 self._note_known(sha256)
                 return
-            self._take_demonstration(observe(read_recording(source.files)), source)
+            self._take_demonstration(self._observed(read_recording(source.files)), source)
         except (LearnerError, RecorderError, ConflictError, OSError) as error:
             self._refuse(source.files, error)
         except Exception as error:  # noqa: BLE001  # one bad file never stops the rest, whatever it is
             self._refuse(source.files, _defect(error))
+
+    def _observed(self, recording: Recording) -> Demonstration:
+        """By what a person corrected in it since, if it was in quarantine."""
+        pressed = standing(recording.presses)
+        words = self.corrections.get(recording.demonstration_id, [])
+        corrections = [Correction(step, type_) for step, type_ in words]
+        notes = (*recording.notes, *told(pressed, corrections))
+        return observe(replace(recording, notes=notes), presses=corrected(pressed, corrections))
 
     def _take_demonstration(self, demonstration: Demonstration, source: Source) -> None:
         """Raises ConflictError if its id is taken by other content, in the lake or in this pass."""

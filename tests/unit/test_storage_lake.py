@@ -156,6 +156,27 @@ def test_a_relabelled_action_has_its_new_type_and_the_original_is_kept(lake: Lak
     assert [(action.type, action.relabelled) for action in confirmed.actions] == [("pick", False), ("drop", True)]
 
 
+def test_actions_that_are_taken_back_do_not_count_and_are_told(lake: Lake) -> None:
+    once = demonstration()
+    pick, drop = once.actions
+    lake.add(replace(once, actions=(pick, drop, replace(pick, step=3), replace(drop, step=4))))
+    with pytest.raises(RelabelRefusedError, match="step 3 of d1 would be a pick of A while A is held"):
+        lake.undo("d1", [2])
+    with pytest.raises(NotStoredError, match="'7'; stored: 1, 2, 3, 4"):
+        lake.undo("d1", [1, 7])
+    assert lake.undo("d1", [2, 1])
+    assert not lake.undo("d1", [1])
+    entry = lake.entry("d1")
+    assert [action.step for action in entry.demonstration.actions] == [3, 4]
+    assert entry.taken_back == (1, 2)
+    with pytest.raises(RelabelRefusedError, match="nothing of d1 would be left"):
+        lake.undo("d1", [3, 4])
+    assert lake.exclude("d1")
+    assert lake.entry("d1").excluded
+    assert lake.undo("d1", [4])
+    assert lake.entry("d1").excluded
+
+
 def test_corrections_that_cannot_be_are_refused_and_named(lake: Lake) -> None:
     lake.add(demonstration())
     with pytest.raises(NotStoredError, match="'nobody'; stored: d1"):
