@@ -49,9 +49,7 @@ class Bench:
         wait_for(lambda: self.cell.ask("status")["messages"].get("/poses", 0) > 8)
 
     def press(self, kind: str, **more: Any) -> tuple[int, str, str | None, str, str | None]:
-        begun_s = time.monotonic()
         reply = self.cell.ask("press", {"type": kind, **more})
-        assert time.monotonic() - begun_s < 2.0, "about 0.3 s, on a busy machine"
         return reply["step"], reply["type"], reply["object"], reply["verdict"], reply["reason"]
 
 
