@@ -10,9 +10,10 @@ import numpy as np
 from learner.errors import DemonstrationRefusedError, NameRefusedError
 from learner.model import DemonstratedAction, Demonstration, Recording, check_name
 from learner.model.demonstration import Outcome
+from learner.model.pose import Vector
 from learner.observation.freshness import Freshness
 from learner.observation.presses import SIGNAL, Judgement, Numbered, judge_all, next_press_ns, standing
-from learner.observation.resting import released_ns, rest_ns
+from learner.observation.resting import released_ns, rest_ns, stale_position
 from learner.observation.surroundings import surroundings_of
 
 NO_GRIPPER: Final = "the gripper's states were not recorded; actions are not checked by them"
@@ -129,7 +130,8 @@ class _Observer:
         assert held is not None
         assert end_effector is not None
         frames = tuple(sorted(set(objects) - {name} - self.around.carried(held, objects)))
-        rested_ns = self._rested_ns(judged, number)
+        stale = stale_position(held, objects[name], found.astray)
+        rested_ns = self._rested_ns(judged, number, stale)
         world = objects if rested_ns is None else {**objects, **self.around.sightings(rested_ns)}
         rest = {frame: world[frame].inverse() @ world[name] for frame in frames}
         unseen = () if rested_ns is not None else (f"{name} was not seen at rest; its pose at the press stands in",)
@@ -146,12 +148,12 @@ class _Observer:
             warnings=(*found.reasons, *unseen),
         )
 
-    def _rested_ns(self, judged: Sequence[Judgement], number: int) -> int | None:
+    def _rested_ns(self, judged: Sequence[Judgement], number: int, stale: Vector | None) -> int | None:
         found, gripper = judged[number], self.recording.gripper
         opened_ns = released_ns(gripper, found.press.stamp_ns, next_press_ns(self.presses, number))
         of_object = (later.press.stamp_ns for later in judged[number + 1 :] if later.object == found.object)
         track = self.recording.tracks[str(found.object)]
-        return rest_ns(track, opened_ns, next(of_object, None), found.astray, self.freshness)
+        return rest_ns(track, opened_ns, next(of_object, None), stale, self.freshness)
 
 
 def _pick(found: Judgement) -> DemonstratedAction:

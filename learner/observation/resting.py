@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
 
 import numpy as np
 
-from learner.model import GripperSample, Track
+from learner.model import GripperSample, Pose, Track
+from learner.model.condition import DROP_RADIUS_M
 from learner.model.holding import SLIP_M
-from learner.model.pose import Array
+from learner.model.pose import Array, Vector
 from learner.observation.freshness import Freshness
-from learner.observation.surroundings import Astray, last
+from learner.observation.surroundings import Astray, Held, last
 
 
 def rest_ns(
-    track: Track, released_ns: int, next_ns: int | None, astray: Astray | None, freshness: Freshness
+    track: Track, released_ns: int, next_ns: int | None, stale: Vector | None, freshness: Freshness
 ) -> int | None:
     """The end of the first 0.3 s after the release in which the object is seen and still; None if there is none.
 
-    It lies before the next press on the object at `next_ns`. An object that was seen astray while it was held does not
-    rest there: that sighting was stale, or of something else.
+    It lies before the next press on the object at `next_ns`, and not at the `stale` position.
     """
-    stale = None if astray is None or astray.in_hand else np.array(astray.pose.position)
     first = bisect_right(track.stamps_ns, released_ns)
     behind = len(track.stamps_ns) if next_ns is None else last(track, next_ns) + 1
     for begin in range(first, behind):
@@ -35,6 +35,18 @@ def rest_ns(
     return None
 
 
+def stale_position(held: Held, released: Pose, astray: Astray | None) -> Vector | None:
+    """Where a released object cannot rest although it may be seen there; None if it can rest anywhere.
+
+    That is where it was seen astray while it was held; and where it was picked, if it was let go further from there
+    than a Drop scatters: the detection is of before, or of something else.
+    """
+    if astray is not None and not astray.in_hand:
+        return astray.pose.position
+    picked = held.objects[held.object].position
+    return picked if math.dist(picked[:2], released.position[:2]) > DROP_RADIUS_M + SLIP_M else None
+
+
 def released_ns(gripper: Sequence[GripperSample], pressed_ns: int, end_ns: int | None) -> int:
     """When the gripper opened after a press, before the next one at `end_ns`; else the press itself [ns]."""
     opened = (sample.stamp_ns for sample in gripper if sample.stamp_ns > pressed_ns and sample.state == "open")
@@ -42,7 +54,7 @@ def released_ns(gripper: Sequence[GripperSample], pressed_ns: int, end_ns: int |
     return first if end_ns is None or first < end_ns else pressed_ns
 
 
-def _is_near(positions: Array, stale: Array | None) -> bool:
+def _is_near(positions: Array, stale: Vector | None) -> bool:
     return stale is not None and float(np.linalg.norm(np.median(positions, axis=0) - stale)) <= SLIP_M
 
 

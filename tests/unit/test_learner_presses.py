@@ -156,6 +156,20 @@ def test_a_detection_that_stayed_behind_is_no_rest_and_the_object_is_where_the_h
     assert place.warnings[0].startswith(f"A was held, but was seen {away_cm:.0f} cm from where the hand carried it")
 
 
+def test_a_detection_from_before_that_comes_only_after_the_release_is_no_rest() -> None:
+    tape = Tape({"A": A, "box": BOX}).reach("A").hide("A").press("pick", "A").wait(0.15).grip("closed", "A").wait(0.3)
+    tape.release("place", GOAL).put("A", A).show("A").wait(1.0)
+    place = observe(tape.recording()).actions[1]
+    assert not place.rest_seen
+    assert math.dist((place.rest or {})[BASE].position, GOAL.position) < 1e-3
+
+
+def test_what_is_put_back_where_it_was_picked_rests_there() -> None:
+    place = observe(Tape({"A": A, "box": BOX}).pick("A").release("place", A).recording()).actions[1]
+    assert place.rest_seen
+    assert math.dist((place.rest or {})[BASE].position, A.position) < 1e-3
+
+
 def test_a_detection_that_comes_back_after_the_release_is_the_rest() -> None:
     tape = left_behind().grip("open").wait(0.5).put("A", at(0.53, -0.22)).wait(0.8)
     place = observe(tape.recording()).actions[1]
