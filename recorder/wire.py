@@ -172,6 +172,8 @@ def parse_action(payload: bytes) -> ActionPress:
         raise PayloadError(f"needs a type and may name an object: {content!s:.80}")
     if not (signal is None or isinstance(signal, str)) or not isinstance(value, bool | int | float | str | None):
         raise PayloadError(f"may name a signal and its value, a truth, number or text: {content!s:.80}")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise PayloadError(f"sets a signal to {value}, which is no number: {content!s:.80}")
     return ActionPress(content["stamp_ns"], kind, name, signal, value)
 
 

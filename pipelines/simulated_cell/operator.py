@@ -21,7 +21,7 @@ import zenoh
 from learner.model import Pose
 from learner.simulation.cell.arm_kinematics import pointing_down
 from learner.simulation.scenarios import BASE, TOOL, Scenario, Step, scenario_named
-from pipelines.errors import CommandError
+from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.publisher import declare_publisher
 from pipelines.network.question import ask
 
@@ -87,7 +87,7 @@ class ScriptedOperator:
     def recording(self, task: str, user: str) -> Iterator[dict[str, Any]]:
         """Record what happens inside the block; the dictionary given receives the recorder's reply to stop.
 
-        An exception inside discards the recording.
+        An exception inside discards the recording, and so does a press that contradicts what the recorder saw.
         """
         scene = self._ask("sim/scene", {})
         kept = {name: scene[name] for name in ("objects", "base_frame", "end_effector_frame", "scene")}
@@ -99,7 +99,17 @@ class ScriptedOperator:
         except BaseException:
             self._ask("recorder/discard", {})
             raise
-        reply.update(self._ask("recorder/stop", {"outcome": self._outcome()}, timeout_s=60.0))
+        reply.update(self._stop())
+
+    def _stop(self) -> dict[str, Any]:
+        """Raises DemonstrationFailedError where the recorder takes no success for it."""
+        try:
+            return self._ask("recorder/stop", {"outcome": self._outcome()}, timeout_s=60.0)
+        except UnreachableError:
+            raise
+        except CommandError as error:
+            self._ask("recorder/discard", {})
+            raise DemonstrationFailedError(str(error)) from error
 
     def perform(self) -> None:
         """Do the scenario's steps in one of the orders in which people do them."""

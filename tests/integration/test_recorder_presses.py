@@ -167,6 +167,8 @@ def test_a_press_on_the_topic_gets_the_same_document_as_an_event(bench: Bench) -
         ({"type": "undo", "object": "A"}, "a press of type undo has no object"),
         ({"type": "signal", "signal": "door"}, "needs signal and value"),
         ({"type": "signal", "signal": "door", "value": [1]}, "a truth, number or text"),
+        ({"type": "signal", "signal": "door", "value": float("nan")}, "sets a signal to nan, which is no number"),
+        ({"type": "pick", "stamp_ns": 2**70}, "stamp_ns in whole nanoseconds"),
         ({"type": "pick", "stamp_ns": "now"}, "stamp_ns in whole nanoseconds"),
     ],
 )

@@ -35,6 +35,8 @@ def test_what_is_written_is_read() -> None:
     assert sighting == wire.Sighting("base", "A", STAMP, (0.1, 0.2, 0.3), (0.0, 0.0, 0.0, 1.0))
     assert wire.parse_gripper(wire.gripper_message(STAMP, "open", 0.08)) == GripperSample(STAMP, "open", 0.08)
     assert wire.parse_action(wire.action_message(STAMP, "pick", object="A")) == ActionPress(STAMP, "pick", "A")
+    signal = wire.action_message(STAMP, "signal", signal="door", value=0.5)
+    assert wire.parse_action(signal) == ActionPress(STAMP, "signal", None, "door", 0.5)
     assert wire.parse_signal(wire.signal_message(STAMP, "ready")) == (STAMP, "ready")
 
 
