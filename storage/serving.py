@@ -19,6 +19,8 @@ from storage.errors import NotStoredError, StorageError
 
 POLL_S: Final = 0.25
 """How often the database is asked for changes, which any process may have made [s]."""
+KNOWN: Final = ("version", "alias")
+"""The parameters of a request."""
 LOG: Final = logging.getLogger(__name__)
 
 
@@ -101,12 +103,20 @@ class StoreOnZenoh:
 
 
 def _reference(parameters: zenoh.Parameters) -> str | int | None:
+    if unknown := [name for name in _names(parameters) if name not in KNOWN]:
+        raise BadQueryError(f"no parameter {unknown[0][:80]!r}; there are {' and '.join(KNOWN)}")
     version, alias = parameters.get("version"), parameters.get("alias")
     if version is not None and alias is not None:
         raise BadQueryError("ask for a version or for an alias, not for both")
     if version is not None and not (version.isascii() and version.isdigit()):
         raise BadQueryError(f"a version is a number, not {version[:80]!r}")
     return version if alias is None else check_alias(alias)
+
+
+def _names(parameters: zenoh.Parameters) -> list[str]:
+    """The names of all parameters of a selector; those that Zenoh itself gives a meaning begin with `_`."""
+    parts = (part.partition("=")[0] for part in str(parameters).split(";") if part)
+    return [name for name in parts if not name.startswith("_")]
 
 
 def _refuse(query: zenoh.Query, sentence: str) -> None:

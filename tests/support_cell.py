@@ -65,6 +65,10 @@ class KinematicCell:
         self.speed_m_s = speed_m_s
         self.parent = "base"
         self.hidden: set[str] = set()
+        self.skew_ns = 0
+        """By so much its clock is wrong [ns]."""
+        self.near_m = NEAR_M
+        """So far from the hand it grasps what it is to pick [m]."""
         self.mute = False
         """Publishes no poses."""
         self.deaf = False
@@ -202,12 +206,12 @@ class KinematicCell:
             for name, pose in self.objects.items()
         }
         nearest = min(distances, key=distances.__getitem__, default=None)
-        return nearest if nearest is not None and distances[nearest] <= NEAR_M else None
+        return nearest if nearest is not None and distances[nearest] <= self.near_m else None
 
     def _publish(self) -> None:
         if self.mute:
             return
-        stamp_ns = time.time_ns()
+        stamp_ns = time.time_ns() + self.skew_ns
         message = FrameTransforms()
         for child, pose in {**self.objects, "tool": self.hand}.items():
             if child not in self.hidden:

@@ -92,6 +92,14 @@ class CellState:
         self._follow()
         return True
 
+    def forget(self, child: str, stamp_ns: int) -> None:
+        """Take back the last pose of `child` if it has this stamp [ns], which turned out wrong."""
+        if child not in self._seen or self._seen[child].stamp_ns != stamp_ns:
+            return
+        del self._seen[child]
+        self._tracks.pop(child, None)
+        self.now_ns = max((seen.stamp_ns for seen in self._seen.values()), default=0)
+
     def update_gripper(self, stamp_ns: int, state: GripperState) -> None:
         """Take a sample of the gripper; one older than the last changes nothing."""
         if self.gripper is not None and stamp_ns < self._gripper_ns:

@@ -27,7 +27,8 @@ NODES: Final = frozenset((
     "WaitValueUpdate", "WasEntryUpdated", "WhileDoElse",
 ))  # fmt: skip
 """No tree can have the ID of a node: of those that BehaviorTree.CPP 4 brings along, and those of the contract."""
-RESERVED: Final = {"cell": {"artifacts"}, "object": {NONE}}
+RESERVED: Final = {"cell": {"artifacts"}, "object": {NONE}, "alias": {"versions"}}
+"""`versions` would be hidden by a path of HTTP (CONTRACT, section 5)."""
 
 
 def check_name(kind: str, name: object) -> str:

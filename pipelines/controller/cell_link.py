@@ -21,6 +21,7 @@ from google.protobuf.message import DecodeError
 from learner.errors import ModelError
 from learner.execution.perception import CellState
 from learner.model.pose import Pose
+from learner.model.stamps import Timeline
 from learner.model.tree import ACTIONS
 from pipelines.errors import UnreachableError
 
@@ -30,6 +31,10 @@ CANCEL_REPLY_LIMIT_S: Final = 2.0
 QUEUE_LENGTH: Final = 20_000
 """Samples kept between two ticks; beyond it the oldest go, and the newest state is kept."""
 
+GRIPPER: Final = "the gripper"
+"""Its name among the senders of stamps: no object or frame can be called so."""
+Arrival = tuple[int, bytes]
+"""When a message arrived, by a clock that does not jump [ns], and its payload."""
 SkillStatus = Literal["success", "failure", "silence"]
 
 
@@ -46,7 +51,8 @@ class CellLink:
 
     `state` is what was seen. `hand_received_s` is when (time.monotonic) the end-effector was last seen anew; `parents`
     the frames in which poses came that are not the base frame; `complaints` what the cell published against the
-    contract, a sentence each.
+    contract, a sentence each. Stamps are taken on one timeline (learner.model.stamps), so that no clock that is set,
+    and no stamp that is wrong for a moment, leaves the state as it was for good.
     """
 
     def __init__(self, session: zenoh.Session, cell: str, state: CellState) -> None:
@@ -55,8 +61,9 @@ class CellLink:
         self.parents: set[str] = set()
         self.complaints: list[str] = []
         self._session, self._prefix = session, f"treewright/{cell}"
-        self._poses: deque[bytes] = deque(maxlen=QUEUE_LENGTH)
-        self._gripper: deque[bytes] = deque(maxlen=QUEUE_LENGTH)
+        self._poses: deque[Arrival] = deque(maxlen=QUEUE_LENGTH)
+        self._gripper: deque[Arrival] = deque(maxlen=QUEUE_LENGTH)
+        self._timeline: Timeline[Any] = Timeline()
         self._queriers: dict[str, zenoh.Querier] = {}
         self._open = ExitStack()
 
@@ -86,20 +93,21 @@ class CellLink:
     def take_in(self) -> None:
         """Bring `state` up to what has arrived."""
         while self._poses:
-            self._take_poses(self._poses.popleft())
+            self._take_poses(*self._poses.popleft())
         while self._gripper:
-            self._take_gripper(self._gripper.popleft())
+            self._take_gripper(*self._gripper.popleft())
 
-    def _take_poses(self, payload: bytes) -> None:
+    def _take_poses(self, arrived_ns: int, payload: bytes) -> None:
         try:
             message = FrameTransforms.FromString(payload)
         except DecodeError:
             self._complain("a message on poses that is no foxglove.FrameTransforms")
             return
         for transform in message.transforms:
-            self._take_transform(transform)
+            self._take_transform(transform, arrived_ns)
+        self._tell_of_clocks()
 
-    def _take_transform(self, transform: Any) -> None:
+    def _take_transform(self, transform: Any, arrived_ns: int) -> None:
         child, parent = transform.child_frame_id, transform.parent_frame_id
         if parent != self.state.base_frame:
             self.parents.add(parent)
@@ -110,11 +118,24 @@ class CellLink:
         except ModelError as error:
             self._complain(f"a pose of {child!r} that is none: {error}")
             return
-        newer = self.state.update_pose(child, transform.timestamp.ToNanoseconds(), pose)
-        if newer and child == self.state.end_effector_frame:
-            self.hand_received_s = time.monotonic()
+        stamp_ns = transform.timestamp.ToNanoseconds()
+        for moved_ns, each in self._timeline.take(child, stamp_ns, arrived_ns, pose):
+            newer = self.state.update_pose(child, moved_ns, each)
+            if newer and child == self.state.end_effector_frame:
+                self.hand_received_s = time.monotonic()
 
-    def _take_gripper(self, payload: bytes) -> None:
+    def _tell_of_clocks(self) -> None:
+        """Say what the timeline has found, and forget a sighting whose stamp turned out wrong."""
+        while self._timeline.strays:
+            stray = self._timeline.strays.pop(0)
+            self.state.forget(str(stray.sender), stray.stamp_ns)
+            off_s = stray.off_ns / 1e9
+            self._complain(f"a stamp of {stray.sender!r} that is off by {off_s:+.1f} s; it is left out")
+        while self._timeline.steps:
+            step = self._timeline.steps.pop(0)
+            self._complain(f"stamps of {step.sender!r} by a clock that was set by {step.jump_ns / 1e9:+.1f} s")
+
+    def _take_gripper(self, arrived_ns: int, payload: bytes) -> None:
         try:
             sample = json.loads(payload)
             stamp_ns, state = int(sample["stamp_ns"]), sample["state"]
@@ -124,7 +145,9 @@ class CellLink:
         if state not in ("open", "closed"):
             self._complain(f"a gripper that is {state!r} instead of open or closed")
             return
-        self.state.update_gripper(stamp_ns, state)
+        for moved_ns, each in self._timeline.take(GRIPPER, stamp_ns, arrived_ns, state):
+            self.state.update_gripper(moved_ns, each)
+        self._tell_of_clocks()
 
     def _complain(self, what: str) -> None:
         sentence = f"cell {self.cell!r} publishes {what}"
@@ -192,8 +215,8 @@ def _refusal(name: str, payload: bytes) -> Answer:
         return Answer("failure", f"{name} refuses: {text[:200]}")
 
 
-def _into(queue: deque[bytes]) -> Any:
+def _into(queue: deque[Arrival]) -> Any:
     def receive(sample: zenoh.Sample) -> None:
-        queue.append(bytes(sample.payload))
+        queue.append((time.monotonic_ns(), bytes(sample.payload)))
 
     return receive

@@ -20,7 +20,7 @@ from typing import Any, Final, Literal
 from learner.execution.engine import Engine
 from learner.execution.perception import condition_of
 from learner.execution.ticking import Status
-from learner.model.action import SetGripper
+from learner.model.action import Motion, SetGripper
 from learner.model.condition import Condition, GripperIs, GripperState, InGripper
 from learner.model.tree import CONDITIONS, Node
 from pipelines.controller.cell_link import Answer, CellLink, PendingAnswer
@@ -35,6 +35,8 @@ SETTLE_S: Final = 1.0
 """Success is final when it has lasted this long [s]: what was just placed may still move (CONTRACT, section 3)."""
 STUCK_S: Final = 3.0
 """A tree that fails for this long [s] without trying an action has nothing left to try."""
+NEVER_HELD: Final = 3
+"""So many times a Pick may succeed without that its object is seen to be held; then it never will be."""
 FAILURES_IN_A_ROW: Final = 10
 """So many failed motions without one that succeeds end the run: the cell cannot do what the tree asks for."""
 RETRY_S: Final = 0.3
@@ -115,6 +117,8 @@ class CellLeaves:
         self.actions = 0
         self.failures_in_a_row = 0
         self.last_failure = ""
+        self.never_held: dict[str, int] = {}
+        """How often in a row a Pick of each object succeeded although the object was not seen to be held."""
         self.touched = False
         """Whether an action was begun, under way or ended since this was last set to False."""
 
@@ -219,6 +223,10 @@ class CellLeaves:
     def _end(self, execution: Execution, answer: Answer) -> Status:
         self._state.thaw_gripper()
         succeeded = answer.status == "success"
+        word = execution.node.word
+        if succeeded and isinstance(word, Motion) and word.type == "Pick":
+            seen = self._state.held == word.object
+            self.never_held[word.object] = 0 if seen else self.never_held.get(word.object, 0) + 1
         if succeeded and execution.node.kind != "SetGripper":
             self.failures_in_a_row = 0
         elif not succeeded:
@@ -300,6 +308,12 @@ class Controller:
         leaves = self._leaves
         if leaves.failures_in_a_row >= FAILURES_IN_A_ROW:
             return "failure", f"{leaves.failures_in_a_row} actions failed in a row, the last was {leaves.last_failure}"
+        unbelieved = [name for name, times in leaves.never_held.items() if times >= NEVER_HELD]
+        if unbelieved:
+            return "failure", (
+                f"Pick {unbelieved[0]} succeeded {NEVER_HELD} times, but InGripper {unbelieved[0]} did not hold after "
+                "it: the object was not seen within 5 cm of the closed gripper, or did not move with it"
+            )
         quiet = leaves.idle and not leaves.touched
         self._good_since_s = self._since(self._good_since_s, quiet and self._status is Status.SUCCESS, now_s)
         self._stuck_since_s = self._since(self._stuck_since_s, quiet and self._status is Status.FAILURE, now_s)

@@ -130,6 +130,45 @@ def test_a_tree_reaches_its_goal_and_each_step_is_in_the_trace(bench: Bench) -> 
     assert bench.trace()[-1]["outcome"] == "success"
 
 
+@pytest.mark.parametrize("set_by_s", [-3600, 3600, -30])
+def test_a_clock_of_the_cell_that_is_set_midway_freezes_nothing(bench: Bench, set_by_s: int) -> None:
+    bench.cell.speed_m_s = 0.5
+    running = bench.start()
+    bench.cell.wait_for_request()
+    bench.cell.skew_ns = set_by_s * 1_000_000_000
+    assert running.result(60).outcome == "success"
+    assert placed(bench.cell)
+
+
+def test_one_stamp_in_the_far_future_freezes_nothing_and_is_told(bench: Bench) -> None:
+    bench.cell.mute = True
+    time.sleep(0.1)
+    job = bench.job()
+    with bench.link(job) as link:
+        link.take_in()
+        bench.cell.skew_ns, bench.cell.mute = 10**18, False
+        wait_until(lambda: link.take_in() or link.state.pose("A") is not None)
+        bench.cell.skew_ns = 0
+        before = link.state.now_ns
+        wait_until(lambda: link.take_in() or link.state.now_ns < before)
+        bench.cell.move("A", ELSEWHERE)
+        wait_until(lambda: link.take_in() or link.state.pose("A") == ELSEWHERE)
+    assert any("a stamp of 'A' that is off by" in sentence for sentence in link.complaints)
+
+
+def test_a_pick_that_no_one_could_believe_ends_the_run_after_three_times(bench: Bench) -> None:
+    """The cell grasps the object 11 cm from its origin; by the rule of InGripper it is never held."""
+    bench.cell.near_m = 0.2
+    far = motion("Pick", "A", "A", (0.0, 0.0, 0.11))
+    opened = fallback(leaf(GripperIs("open")), set_gripper("open"))
+    held = fallback(leaf(InGripper("A")), sequence(opened, far))
+    root = fallback(leaf(ObjectAt("A", "box", IN_BOX, 0.02)), sequence(held, motion("Place", "A", "box", IN_BOX)))
+    result = bench.run(Tree(Definition("Main", root)))
+    assert result.outcome == "failure"
+    assert "Pick A succeeded 3 times, but InGripper A did not hold" in result.reason
+    assert bench.asked.count("Pick") == 3
+
+
 def test_a_request_is_the_ports_as_json_with_an_id_of_its_own(bench: Bench) -> None:
     bench.run()
     (_, pick), (_, place) = bench.cell.requests

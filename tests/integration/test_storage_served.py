@@ -122,6 +122,8 @@ def test_a_key_with_wildcards_answers_for_every_task_that_has_it(
         ("kitting?alias=production", "no version of kitting 'production'"),
         ("kitting?version=one", "a version is a number, not 'one'"),
         ("kitting?alias=7", "an alias starts with a letter"),
+        ("kitting?versoin=5", "no parameter 'versoin'; there are version and alias"),
+        ("kitting?alias=versions", "this name is reserved"),
         ("kitting?alias=latest;version=1", "not for both"),
         (".hidden", "name '.hidden' is refused"),
     ],
