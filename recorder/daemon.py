@@ -523,6 +523,8 @@ class Recorder:
             press = wire.parse_action(arrival.payload)
         except PayloadError as error:
             self._alarm(f"an action that is none was published: {arrival.payload[:80]!r} {error}")
+            if arrival.recorded and self._open is not None:
+                self._open.presses.take_none(str(error))
             return
         if not arrival.recorded or self._open is None:
             self._alarm(f"the action {press.type} is not recorded: {self._situation()}")

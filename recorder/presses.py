@@ -10,6 +10,7 @@ from learner.observation.presses import UNDO, Judgement, Numbered, Verdict, grip
 from learner.observation.surroundings import Surroundings
 from recorder.feedback import Finding, Plausible, Sightings, find
 from recorder.recording import Demonstrated, parse_scene
+from recorder.wire import ACTION
 
 NO_GRIPPER: Final = "no state of the gripper has come, so the action is not checked by it"
 NOTHING_LEFT: Final = "there is no action that could be taken back"
@@ -64,6 +65,11 @@ class Presses:
         self._scene = None if demonstrated.scene is None else parse_scene(demonstrated.scene)
         self._plausible = plausible
         self._standing: list[Pressed] = []
+        self._none: str | None = None
+
+    def take_none(self, reason: str) -> None:
+        """A message came that is no action: what was pressed nobody knows, and ingest refuses the recording."""
+        self._none = self._none or f"a message on {ACTION} {reason}"
 
     def take(self, press: ActionPress, stamp_ns: int, sightings: Sightings) -> Pressed:
         """Judge a press by what was seen until now; `stamp_ns` is its stamp as it was given."""
@@ -86,6 +92,8 @@ class Presses:
 
     def contradiction(self, sightings: Sightings) -> str | None:
         """The first reason why what stands contradicts what was seen, the gripper after each press included."""
+        if self._none:
+            return self._none
         numbered = [Numbered(number, each.press) for number, each in enumerate(self._standing)]
         for number, each in enumerate(self._standing):
             if each.verdict == "contradicts":

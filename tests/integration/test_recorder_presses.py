@@ -219,3 +219,11 @@ def test_an_action_of_another_type_is_told_and_can_be_taken_back(bench: Bench) -
     assert bench.cell.await_event("action")["verdict"] == "contradicts"
     assert bench.press("undo")[:2] == (0, "undo")
     assert bench.press("pick")[3] == "accepted"
+
+
+def test_a_message_that_is_no_action_is_no_success_as_ingest_refuses_it(bench: Bench) -> None:
+    bench.start()
+    bench.cell.session.put(f"{PREFIX}/action", b"{half")
+    bench.cell.await_event("alarm")
+    with pytest.raises(Refused, match="success: a message on /action is not JSON"):
+        bench.cell.ask("stop", {"outcome": "success"})
