@@ -3,6 +3,7 @@
     CommandError                         what the command line itself refuses
     ├── UnreachableError                 may pass: a peer does not answer
     ├── CellRefusedError                 a cell lacks what a tree needs
+    ├── TakenError                       another process has the role that this one wants
     └── ...                              each package's own root error counts too: see `covers`
 
 An exception that is none of these is a defect, and the command says so.
@@ -33,6 +34,13 @@ class CommandError(Exception):
 
 class UnreachableError(CommandError):
     """A recorder, cell or store does not answer; trying again later may help."""
+
+
+class TakenError(CommandError):
+    """Another process has the role that this one wants; `owner` says which."""
+
+    def __init__(self, what: str, owner: str) -> None:
+        super().__init__(f"{what} is running already: {owner}; end it first")
 
 
 class CellRefusedError(CommandError):

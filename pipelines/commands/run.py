@@ -91,12 +91,14 @@ def _on_cell(
 ) -> int:
     from learner.execution.perception import CellState
     from pipelines.controller.cell_link import CellLink
+    from pipelines.network.ownership import owned
 
     with CellLink(session, cell, CellState(job.base_frame, job.end_effector_frame, job.sizes)) as link:
         job.await_cell(link, stop)
         if arguments.dry_run:
             return _say_what_would_be_done(console, job, link)
-        return _execute(arguments, console, job, link, stop)
+        with owned(session, f"treewright/{cell}/run", f"a tree on cell {cell!r}"):
+            return _execute(arguments, console, job, link, stop)
 
 
 def _say_what_would_be_done(console: Console, job: Job, link: Any) -> int:

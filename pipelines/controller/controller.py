@@ -35,6 +35,10 @@ SETTLE_S: Final = 1.0
 """Success is final when it has lasted this long [s]: what was just placed may still move (CONTRACT, section 3)."""
 STUCK_S: Final = 3.0
 """A tree that fails for this long [s] without trying an action has nothing left to try."""
+BUSY: Final = "busy"
+"""The reason of a cell that cannot do a skill because it does another begins so."""
+BUSY_LIMIT_S: Final = 60.0
+"""What another controller began, which may have died since, is waited for so long [s]."""
 NEVER_HELD: Final = 3
 """So many times a Pick may succeed without that its object is seen to be held; then it never will be."""
 FAILURES_IN_A_ROW: Final = 10
@@ -117,6 +121,8 @@ class CellLeaves:
         self.actions = 0
         self.failures_in_a_row = 0
         self.last_failure = ""
+        self.busy_since_s: float | None = None
+        """Since when the cell has refused every skill because it does another."""
         self.never_held: dict[str, int] = {}
         """How often in a row a Pick of each object succeeded although the object was not seen to be held."""
         self.touched = False
@@ -142,9 +148,20 @@ class CellLeaves:
             self._ask(execution)
         if execution.answer is None or not self._seen_after(execution):
             return Status.RUNNING
+        if execution.answer.status == "failure" and execution.answer.reason.startswith(BUSY):
+            return self._put_off(node)
+        self.busy_since_s = None
         del self._active[id(node)]
         self._moving = None
         return self._end(execution, execution.answer)
+
+    def _put_off(self, node: Node) -> Status:
+        """The cell still does what another controller asked for, which may be gone: ask again in a moment."""
+        self._state.thaw_gripper()
+        self._active[id(node)], self._moving = Execution(node), None
+        self._failed_s = time.monotonic()
+        self.busy_since_s = self.busy_since_s or self._failed_s
+        return Status.RUNNING
 
     def halt_action(self, node: Node) -> None:
         execution = self._active.pop(id(node))
@@ -308,6 +325,8 @@ class Controller:
         leaves = self._leaves
         if leaves.failures_in_a_row >= FAILURES_IN_A_ROW:
             return "failure", f"{leaves.failures_in_a_row} actions failed in a row, the last was {leaves.last_failure}"
+        if leaves.busy_since_s is not None and now_s - leaves.busy_since_s > BUSY_LIMIT_S:
+            return "failure", f"the cell does something else since {BUSY_LIMIT_S:g} s: a skill that nobody here began"
         unbelieved = [name for name, times in leaves.never_held.items() if times >= NEVER_HELD]
         if unbelieved:
             return "failure", (

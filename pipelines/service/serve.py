@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from pipelines.home import Home
+from pipelines.network.ownership import owned
 from pipelines.service.child import Child
 from pipelines.service.prefect_server import check_api, flow_runner, prefect_server
 from pipelines.steps.stores import open_store
 from storage.artifacts import ArtifactStore
+from storage.client import PREFIX
 from storage.errors import StorageUnavailableError
 from storage.http import StoreOnHttp
 from storage.serving import StoreOnZenoh
@@ -49,6 +51,7 @@ def service(home: Home, session: zenoh.Session, settings: Settings, stop: thread
         store = stack.enter_context(open_store(home))
         # The store first: it is quick, and what cannot be served is said before anything is started.
         http = stack.enter_context(StoreOnHttp(store, settings.host, settings.port))
+        stack.enter_context(owned(session, f"{PREFIX}/serve", "an artifact store of this network"))
         stack.enter_context(StoreOnZenoh(session, store))
         children, prefect = _flows(stack, home, settings, stop) if settings.flows else ([], None)
         yield Service(store, http.url, prefect, children)

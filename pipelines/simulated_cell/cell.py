@@ -20,6 +20,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self, get_args
@@ -37,6 +38,7 @@ from learner.simulation.cell.skills import Skill, SkillResult
 from learner.simulation.failure import Failure
 from learner.simulation.scenarios import BASE, TOOL, sample_spot
 from pipelines.errors import CommandError
+from pipelines.network.ownership import owned
 from pipelines.network.publisher import declare_publisher
 
 POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
@@ -92,25 +94,26 @@ class Cell:
         self._published_state: GripperState | None = None
         self._poses_due_s = self._gripper_due_s = -math.inf
         self._failure_rate = 0.0
+        self._role = ExitStack()
         self._answers = {"truth": self._truth, "scene": self._scene, "reset": self._reset, "disturb": self._disturb}
 
     def __enter__(self) -> Self:
-        _refuse_second(self._session, f"{self._root}/sim/alive", self.name)
+        self._role.enter_context(owned(self._session, f"{self._root}/sim", f"a cell {self.name!r}"))
         self._poses = declare_publisher(self._session, f"{self._root}/poses", POSES_ENCODING, 2 * POSES_HZ)
         self._gripper = declare_publisher(
             self._session, f"{self._root}/gripper", GRIPPER_ENCODING, 5 / GRIPPER_PERIOD_S
         )
         keys = [f"skills/{skill}" for skill in (*SKILLS, "cancel")] + [f"sim/{name}" for name in SIMULATED]
         self._queryables = [self._declare(key) for key in keys]
-        self._token = self._session.liveliness().declare_token(f"{self._root}/sim/alive")
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop_skill("the cell stops")
-        for declared in (self._token, *self._queryables, self._poses, self._gripper):
+        for declared in (*self._queryables, self._poses, self._gripper):
             declared.undeclare()
+        self._role.close()
 
     def run(self, stop: threading.Event) -> None:
         """Live until `stop` is set; then the running skill is cancelled."""
@@ -305,11 +308,6 @@ class Cell:
             others = {other: pose for other, pose in world.poses_in_base().items() if other != name}
             pose = sample_spot(world.scenario, name, others, self._rng)
         world.teleport(name, pose, with_content=fields.get("with_content") is not False)
-
-
-def _refuse_second(session: zenoh.Session, key: str, name: str) -> None:
-    if any(reply.ok is not None for reply in session.liveliness().get(key, timeout=1.0)):
-        raise CommandError(f"a simulated cell {name} is running already; stop it or choose another name")
 
 
 def _fields_of(query: zenoh.Query) -> Fields:

@@ -220,7 +220,7 @@ def test_a_second_cell_of_the_same_name_is_refused(session: zenoh.Session) -> No
     rng = np.random.default_rng(0)
     with (
         World("object_in_box", rng) as world,
-        pytest.raises(CommandError, match="a simulated cell c1 is running already"),
+        pytest.raises(CommandError, match="a cell 'c1' is running already: process"),
         Cell(session, "c1", world, rng),
     ):
         pass

@@ -169,6 +169,13 @@ def test_a_pick_that_no_one_could_believe_ends_the_run_after_three_times(bench: 
     assert bench.asked.count("Pick") == 3
 
 
+def test_a_skill_that_a_dead_controller_left_behind_is_waited_for(bench: Bench) -> None:
+    bench.cell.fail_next.extend(["busy: Pick 7 is running; one skill at a time"] * (FAILURES_IN_A_ROW + 1))
+    result = bench.run()
+    assert result.outcome == "success"
+    assert placed(bench.cell)
+
+
 def test_a_request_is_the_ports_as_json_with_an_id_of_its_own(bench: Bench) -> None:
     bench.run()
     (_, pick), (_, place) = bench.cell.requests
