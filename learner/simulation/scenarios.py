@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from learner.errors import LearnerError
 from learner.model import ObjectShape, Pose, Scene
 from learner.model.pose import Vector
 from learner.model.scene import Symmetry
+from learner.simulation.script import Inside, Rests, ScriptedMove
 
 BASE: Final = "base"
 TOOL: Final = "tool0"
@@ -66,20 +67,6 @@ BOARD: Final = Body((0.42, 0.10, 0.01), 0.8, "none")
 
 
 @dataclass(frozen=True)
-class Step:
-    """One demonstrated action after its pick: `object` is put so that its origin comes to `position` in `frame`.
-
-    For a drop the hand opens with the origin at `position`, varied sideways by up to `spread_m`.
-    """
-
-    object: str
-    type: Literal["place", "drop"]
-    frame: str
-    position: Vector
-    spread_m: float = 0.0
-
-
-@dataclass(frozen=True)
 class On:
     """`upper` stands on `lower`, centred within 2 cm: the towers' goal."""
 
@@ -87,25 +74,7 @@ class On:
     lower: str
 
 
-@dataclass(frozen=True)
-class At:
-    """The origin of `object` lies within `radius` [m] of `position` in `frame`."""
-
-    object: str
-    frame: str
-    position: Vector
-    radius: float = 0.05
-
-
-@dataclass(frozen=True)
-class Inside:
-    """`object` lies in the container, its centre between the walls and not above them."""
-
-    object: str
-    container: str
-
-
-Relation = On | At | Inside
+Relation = On | Rests | Inside
 
 
 @dataclass(frozen=True)
@@ -113,10 +82,10 @@ class Scenario:
     """`orders` are the orders in which people do the steps; `stacked` objects start on others, not on their own."""
 
     bodies: Mapping[str, Body]
-    steps: tuple[Step, ...]
+    steps: tuple[ScriptedMove, ...]
     goal: tuple[Relation, ...]
     orders: tuple[tuple[int, ...], ...] = ()
-    stacked: tuple[At, ...] = field(default=())
+    stacked: tuple[Rests, ...] = field(default=())
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -136,7 +105,7 @@ class Scenario:
                 x, y, z = np.subtract(poses[upper].position, poses[lower].position)
                 height = (self.bodies[upper].size_m[2] + self.bodies[lower].size_m[2]) / 2
                 return math.hypot(x, y) < 0.02 and abs(z - height) < 0.01
-            case At(name, frame, position, radius):
+            case Rests(name, frame, position, radius):
                 there = position if frame == BASE else poses[frame].apply(position)
                 return math.dist(poses[name].position, there) < radius
             case Inside(name, container):
@@ -189,7 +158,7 @@ def _try_start(scenario: Scenario, rng: np.random.Generator) -> dict[str, Pose] 
             return None
         poses[name] = pose
     for relation in scenario.stacked:
-        position = poses[relation.frame].apply(relation.position)
+        position = poses[relation.frame].apply(relation.at)
         poses[relation.object] = _standing(position, float(rng.uniform(-math.pi, math.pi)))
     return poses
 
@@ -211,8 +180,8 @@ def _fits(scenario: Scenario, name: str, pose: Pose, others: Mapping[str, Pose])
 
 def _in_reach(scenario: Scenario, name: str, pose: Pose) -> bool:
     """Whether the hand reaches the object and every place on it that a step needs, and the base is left free."""
-    places = [step.position for step in scenario.steps if step.frame == name]
-    places += [relation.position for relation in scenario.stacked if relation.frame == name]
+    places = [step.at for step in scenario.steps if step.frame == name]
+    places += [relation.at for relation in scenario.stacked if relation.frame == name]
     points = [pose.position, *(pose.apply(place) for place in places)]
     within = all(REACH_M[0] <= math.hypot(x, y) <= REACH_M[1] for x, y, _ in points)
     return within and _distance_to(scenario.bodies[name], pose, (0.0, 0.0)) > 0.2
@@ -245,16 +214,16 @@ _PEGS: Final = tuple((x, 0.0, 0.005 + CUBE_M / 2) for x in (-0.15, 0.0, 0.15))
 SCENARIOS: Final[Mapping[str, Scenario]] = {
     "object_in_box": Scenario(
         {"A": CUBE, "box": BOX},
-        (Step("A", "drop", "box", OVER_BOX, spread_m=0.015),),
+        (ScriptedMove("drop", "A", "box", OVER_BOX, spread_m=0.015),),
         (Inside("A", "box"),),
     ),
     "towers": Scenario(
         dict.fromkeys("ABCDEF", CUBE),
         (
-            Step("B", "place", "C", ON_TOP),
-            Step("A", "place", "B", ON_TOP),
-            Step("E", "place", "F", ON_TOP),
-            Step("D", "place", "E", ON_TOP),
+            ScriptedMove("place", "B", "C", ON_TOP),
+            ScriptedMove("place", "A", "B", ON_TOP),
+            ScriptedMove("place", "E", "F", ON_TOP),
+            ScriptedMove("place", "D", "E", ON_TOP),
         ),
         (On("B", "C"), On("A", "B"), On("E", "F"), On("D", "E")),
         orders=((0, 1, 2, 3), (2, 3, 0, 1), (0, 2, 1, 3)),
@@ -262,31 +231,31 @@ SCENARIOS: Final[Mapping[str, Scenario]] = {
     "tower_and_box": Scenario(
         {**dict.fromkeys("ADEF", CUBE), "box": BOX},
         (
-            Step("D", "place", "E", ON_TOP),
-            Step("F", "place", "D", ON_TOP),
-            Step("A", "drop", "box", OVER_BOX, spread_m=0.015),
+            ScriptedMove("place", "D", "E", ON_TOP),
+            ScriptedMove("place", "F", "D", ON_TOP),
+            ScriptedMove("drop", "A", "box", OVER_BOX, spread_m=0.015),
         ),
         (On("D", "E"), On("F", "D"), Inside("A", "box")),
         orders=((0, 1, 2), (2, 0, 1)),
     ),
     "kitting": Scenario(
         {**dict.fromkeys("ABCD", CUBE), "tray": TRAY},
-        tuple(Step(name, "place", "tray", slot) for name, slot in zip("ABCD", _SLOTS, strict=True)),
-        tuple(At(name, "tray", slot) for name, slot in zip("ABCD", _SLOTS, strict=True)),
+        tuple(ScriptedMove("place", name, "tray", slot) for name, slot in zip("ABCD", _SLOTS, strict=True)),
+        tuple(Rests(name, "tray", slot) for name, slot in zip("ABCD", _SLOTS, strict=True)),
         orders=((0, 1, 2, 3), (3, 1, 0, 2), (2, 3, 1, 0), (1, 0, 3, 2)),
     ),
     "hanoi": Scenario(
         {**dict.fromkeys("DEF", CUBE), "board": BOARD},
         (
-            Step("D", "place", "board", _PEGS[2]),
-            Step("E", "place", "board", _PEGS[1]),
-            Step("D", "place", "E", ON_TOP),
-            Step("F", "place", "board", _PEGS[2]),
-            Step("D", "place", "board", _PEGS[0]),
-            Step("E", "place", "F", ON_TOP),
-            Step("D", "place", "E", ON_TOP),
+            ScriptedMove("place", "D", "board", _PEGS[2]),
+            ScriptedMove("place", "E", "board", _PEGS[1]),
+            ScriptedMove("place", "D", "E", ON_TOP),
+            ScriptedMove("place", "F", "board", _PEGS[2]),
+            ScriptedMove("place", "D", "board", _PEGS[0]),
+            ScriptedMove("place", "E", "F", ON_TOP),
+            ScriptedMove("place", "D", "E", ON_TOP),
         ),
-        (At("F", "board", _PEGS[2]), On("E", "F"), On("D", "E")),
-        stacked=(At("F", "board", _PEGS[0]), At("E", "F", ON_TOP), At("D", "E", ON_TOP)),
+        (Rests("F", "board", _PEGS[2]), On("E", "F"), On("D", "E")),
+        stacked=(Rests("F", "board", _PEGS[0]), Rests("E", "F", ON_TOP), Rests("D", "E", ON_TOP)),
     ),
 }

@@ -20,7 +20,8 @@ import zenoh
 
 from learner.model import Pose
 from learner.simulation.cell.arm_kinematics import pointing_down
-from learner.simulation.scenarios import BASE, TOOL, Scenario, Step, scenario_named
+from learner.simulation.scenarios import BASE, TOOL, Scenario, scenario_named
+from learner.simulation.script import ScriptedMove
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.publisher import declare_publisher
 from pipelines.network.question import ask
@@ -135,11 +136,11 @@ class ScriptedOperator:
         if held != name:
             raise DemonstrationFailedError(f"the fingers closed on {held or 'nothing'} instead of {name}")
 
-    def _release(self, step: Step) -> None:
+    def _release(self, step: ScriptedMove) -> None:
         poses = self._poses()
         frame = Pose((0.0, 0.0, 0.0)) if step.frame == BASE else poses[step.frame]
         spread = [*self._rng.uniform(-step.spread_m, step.spread_m, 2), 0.0]
-        target = frame.apply(np.add(step.position, spread))
+        target = frame.apply(np.add(step.at, spread))
         yaw = _yaw(frame) + self._turn_of_grasp * math.pi / 2
         # The hand comes to where it has the object at the target, whatever way it holds it.
         shift = np.subtract(poses[TOOL].position, poses[step.object].position)

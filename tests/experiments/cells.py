@@ -17,12 +17,13 @@ from learner.errors import LearnerError
 from learner.learning import METHODS
 from learner.model import Demonstration, Node
 from learner.parameters import Parameters
+from learner.simulation.script import ScriptedMove
 
 from .demonstrator import crooked_markers, demonstrated
 from .disturbances import DISTURBANCES, When
 from .generated import generated, habitual
 from .runner import Result, run
-from .scenarios import SCENARIOS, Scenario, Step
+from .scenarios import SCENARIOS, Scenario
 from .users import EXPERT, FOURTEEN, REAL, User
 
 KINDS: Final[tuple[tuple[str, When], ...]] = (
@@ -128,7 +129,7 @@ def _frames(scenario: Scenario, report: dict[str, Any]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _as_good(script: Sequence[Step], name: str, frame: str) -> bool:
+def _as_good(script: Sequence[ScriptedMove], name: str, frame: str) -> bool:
     fixed_to: dict[str, str] = {}
     for step in script:
         anchor = fixed_to.get(step.frame, step.frame)

@@ -19,8 +19,9 @@ from learner.model.pose import Quaternion, multiply
 from learner.observation import observe
 from learner.simulation.gravity import Spot
 from learner.simulation.kinematic_world import NOISELESS, KinematicWorld
+from learner.simulation.script import ScriptedMove
 
-from .scenarios import BASE, Scenario, Step
+from .scenarios import BASE, Scenario
 from .users import EXPERT, User
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ def _as_it_happens(scenario: Scenario, user: User) -> Scenario:
     return replace(scenario, start=replace(scenario.start, near=(*scenario.start.near, (name, of, offset, 0.0))))
 
 
-def _script(scenario: Scenario, user: User, number: int, rng: np.random.Generator) -> tuple[Step, ...]:
+def _script(scenario: Scenario, user: User, number: int, rng: np.random.Generator) -> tuple[ScriptedMove, ...]:
     scripts = user.scripts or scenario.scripts
     steps = scripts[number % len(scripts)]
     if scenario.any_order:
@@ -79,13 +80,15 @@ def _script(scenario: Scenario, user: User, number: int, rng: np.random.Generato
     if user.orders:
         steps = tuple(steps[index] for index in user.orders[number % len(user.orders)])
     verbs = dict(user.verbs)
-    return tuple(replace(step, verb=verbs.get(step.object, step.verb)) for step in steps)
+    return tuple(replace(step, type=verbs.get(step.object, step.type)) for step in steps)
 
 
 class _Hand:
     """One demonstration under way: the world, the clock, and what the cell's sensors would have told."""
 
-    def __init__(self, scenario: Scenario, user: User, script: tuple[Step, ...], rng: np.random.Generator) -> None:
+    def __init__(
+        self, scenario: Scenario, user: User, script: tuple[ScriptedMove, ...], rng: np.random.Generator
+    ) -> None:
         self.scenario, self.user, self.script, self.rng = scenario, user, script, rng
         spots = scenario.draw_start(rng, script)
         self.world = KinematicWorld(scenario.objects, spots, rng, NOISELESS)
@@ -109,12 +112,12 @@ class _Hand:
             self._step(step)
         self._wait(REST_S)
 
-    def _elsewhere(self, name: str) -> Step:
+    def _elsewhere(self, name: str) -> ScriptedMove:
         """Move an object to a free place from which the script is still possible."""
         spots = self.scenario.draw_start(self.rng, self.script)
-        return Step("place", name, BASE, (spots[name].x, spots[name].y, spots[name].z), spots[name].yaw)
+        return ScriptedMove("place", name, BASE, (spots[name].x, spots[name].y, spots[name].z), spots[name].yaw)
 
-    def _mistake(self, step: Step) -> None:
+    def _mistake(self, step: ScriptedMove) -> None:
         """Take a wrong object and put it back."""
         table = self.world.table
         wrong = [n for n, b in self.scenario.objects.items()
@@ -122,9 +125,9 @@ class _Hand:
         if wrong:
             name = str(self.rng.choice(sorted(wrong)))
             back = table.spots[name]
-            self._step(Step("place", name, BASE, (back.x, back.y, back.z), back.yaw))
+            self._step(ScriptedMove("place", name, BASE, (back.x, back.y, back.z), back.yaw))
 
-    def _step(self, step: Step) -> None:
+    def _step(self, step: ScriptedMove) -> None:
         self._wait(float(self.rng.uniform(0.0, self.user.pauses_s)))
         self._pick(step.object)
         self._release(step)
@@ -143,26 +146,26 @@ class _Hand:
         cube = self.scenario.objects[name].shape.symmetry == "cube"
         return float(self.rng.integers(4)) * math.pi / 2 if self.user.quarter_turns and cube else 0.0
 
-    def _release(self, step: Step) -> None:
+    def _release(self, step: ScriptedMove) -> None:
         target = self._target(step)
         held = self.world.hand_spot.relative(self.world.spot(step.object))
         turned = replace(target, z=0.0).compose(replace(_inverse(held), z=0.0))
-        self._approach(self._missed(replace(turned, z=target.z - held.z), level=step.verb == "place"))
+        self._approach(self._missed(replace(turned, z=target.z - held.z), level=step.type == "place"))
         self.mishap = self.mishap or self.world.met_by_held()
-        self._press(step.verb, step.object)
+        self._press(step.type, step.object)
         self.world.open()
         self._after()
 
-    def _target(self, step: Step) -> Spot:
+    def _target(self, step: ScriptedMove) -> Spot:
         """Where the object's origin shall be at the release."""
         frame, now = self.world.spot(step.frame), self.world.spot(step.object)
         there = frame.compose(Spot(*step.at, step.yaw or 0.0))
         turned = 0.0 if self._gives_directions(step.object) else self._quarters(step.object)
         yaw = now.yaw if step.yaw is None else there.yaw + turned
         was_place = any(
-            step.object == s.object and s.verb == "place" for script in self.scenario.scripts for s in script
+            step.object == s.object and s.type == "place" for script in self.scenario.scripts for s in script
         )
-        higher = HAND_OVER_BOX_M if step.verb == "drop" and was_place else 0.0
+        higher = HAND_OVER_BOX_M if step.type == "drop" and was_place else 0.0
         return replace(there, z=there.z + higher, yaw=yaw)
 
     def _gives_directions(self, name: str) -> bool:

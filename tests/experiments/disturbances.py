@@ -16,8 +16,9 @@ import numpy as np
 from learner.simulation.arena import Arena
 from learner.simulation.gravity import GIVE_M, Spot
 from learner.simulation.kinematic_world import WORKSPACE_M
+from learner.simulation.script import Rests, ScriptedMove
 
-from .scenarios import Goal, Relation, Rests, Scenario, Step
+from .scenarios import Goal, Relation, Scenario
 
 T = TypeVar("T")
 Happening = Callable[[Arena, Scenario, np.random.Generator], str | None]
@@ -209,7 +210,7 @@ def can_be_done(world: Arena, scenario: Scenario, beyond: bool, actions_left: in
     )
 
 
-def _way_is_open(world: Arena, scenario: Scenario, script: tuple[Step, ...]) -> bool:
+def _way_is_open(world: Arena, scenario: Scenario, script: tuple[ScriptedMove, ...]) -> bool:
     """Whether every place of a script is in reach, and free of what cannot be moved, if it is done from here."""
     fixed = world.table.obstacles(_cubes(scenario))
     moved: dict[str, Spot] = {}

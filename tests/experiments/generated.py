@@ -22,8 +22,9 @@ from learner.model import ObjectShape
 from learner.model.pose import Vector
 from learner.simulation.gravity import WALL_M, Body, Spot
 from learner.simulation.kinematic_world import WORKSPACE_M
+from learner.simulation.script import Inside, Rests, ScriptedMove
 
-from .scenarios import BASE, Goal, Inside, Rests, Scenario, Start, Step
+from .scenarios import BASE, Goal, Scenario, Start
 
 MOST_STEPS: Final = 8
 MOST_MOVABLE: Final = 7
@@ -94,8 +95,8 @@ class _Draft:
 
     rng: np.random.Generator
     objects: dict[str, Body] = field(default_factory=dict)
-    steps: list[Step] = field(default_factory=list)
-    at: dict[str, Step] = field(default_factory=dict)
+    steps: list[ScriptedMove] = field(default_factory=list)
+    at: dict[str, ScriptedMove] = field(default_factory=dict)
     stack: tuple[str, ...] = ()
     full: dict[str, tuple[str, Vector]] = field(default_factory=dict)
     waiting: dict[str, str] = field(default_factory=dict)
@@ -205,7 +206,7 @@ class _Draft:
 
     def _takable(self, name: str) -> bool:
         """Nothing stands on it; what stands beside it is left in peace, nearly always; a drop is not taken out."""
-        dropped = name in self.at and self.at[name].verb == "drop"
+        dropped = name in self.at and self.at[name].type == "drop"
         leaning = any(step.frame == name for step in self.at.values())
         upon = any(step.frame == name and step.at[:2] == (0.0, 0.0) for step in self.at.values())
         upon = upon or name in self.waiting.values()
@@ -214,9 +215,9 @@ class _Draft:
     def _yaw(self) -> float:
         return float(self.rng.choice([0.0, 0.0, 0.0, math.pi / 2, -math.pi / 4, 0.5]))
 
-    def _onto_table(self, name: str) -> Step:
+    def _onto_table(self, name: str) -> ScriptedMove:
         x, y = self._table_spot(self.objects[name].radius)
-        return Step("place", name, BASE, (x, y, self.objects[name].half_height), self._yaw())
+        return ScriptedMove("place", name, BASE, (x, y, self.objects[name].half_height), self._yaw())
 
     def _table_spot(self, radius: float) -> tuple[float, float]:
         taken = [step.at for step in self.steps if step.frame == BASE]
@@ -229,7 +230,7 @@ class _Draft:
                 break
         return x, y
 
-    def _beside(self, name: str) -> Step | None:
+    def _beside(self, name: str) -> ScriptedMove | None:
         """Beside what stands on the table, some centimetres away or further."""
         standing = [other for other in self.objects if other != name and self._on_table(other)]
         frame = self._one_of(standing)
@@ -240,7 +241,7 @@ class _Draft:
         angle = float(self.rng.choice([0.0, math.pi / 2, math.pi, -math.pi / 2, self.rng.uniform(-3, 3)]))
         height = self.objects[name].half_height - self.objects[frame].half_height
         at = (round(distance * math.cos(angle), 3), round(distance * math.sin(angle), 3), round(height, 4))
-        return Step("place", name, frame, at, self._yaw())
+        return ScriptedMove("place", name, frame, at, self._yaw())
 
     def _on_table(self, name: str) -> bool:
         """Whether it stands there by the steps so far, at its start or beside something that does."""
@@ -249,11 +250,11 @@ class _Draft:
         step = self.at[name]
         return step.frame == BASE or (step.at[:2] != (0.0, 0.0) and self.objects[step.frame].graspable)
 
-    def _upon(self, name: str) -> Step | None:
+    def _upon(self, name: str) -> ScriptedMove | None:
         """Upon a movable thing that bears it and on which nothing stands."""
         body = self.objects[name]
         busy = {step.frame for step in self.at.values() if step.at[:2] == (0.0, 0.0)} | set(self.waiting.values())
-        dropped = {step.object for step in self.at.values() if step.verb == "drop"}
+        dropped = {step.object for step in self.at.values() if step.type == "drop"}
         bearing = [
             other for other in self._movables()
             if other not in (name, *busy, *dropped) and self._level(other) < 4
@@ -264,7 +265,7 @@ class _Draft:
         if frame is None:
             return None
         height = round(self.objects[frame].half_height + body.half_height, 4)
-        return Step("place", name, frame, (0.0, 0.0, height), self._yaw() if self.rng.random() < 0.3 else 0.0)
+        return ScriptedMove("place", name, frame, (0.0, 0.0, height), self._yaw() if self.rng.random() < 0.3 else 0.0)
 
     def _level(self, name: str) -> int:
         """How many things it stands upon."""
@@ -272,7 +273,7 @@ class _Draft:
         upon = step is not None and step.at[:2] == (0.0, 0.0) and self.objects[step.frame].graspable
         return 1 + self._level(step.frame) if upon and step is not None else 0
 
-    def _into(self, name: str) -> Step | None:
+    def _into(self, name: str) -> ScriptedMove | None:
         """Onto a board, into a slot of a box, or dropped into a box."""
         frame = self._one_of([other for other, body in self.objects.items() if not body.graspable])
         if frame is None:
@@ -285,8 +286,8 @@ class _Draft:
         if place.kind == "open_box" and lowest > place.half_height - 0.01:
             return None
         if place.kind == "open_box" and self.rng.random() < 0.5:
-            return Step("drop", name, frame, (*spot, round(place.half_height + body.half_height + 0.03, 4)))
-        return Step("place", name, frame, (*spot, round(lowest, 4)), self._yaw())
+            return ScriptedMove("drop", name, frame, (*spot, round(place.half_height + body.half_height + 0.03, 4)))
+        return ScriptedMove("place", name, frame, (*spot, round(lowest, 4)), self._yaw())
 
     def _slot(self, name: str, frame: str) -> tuple[float, float] | None:
         """A place within a box or board that is free of what the steps so far have put there."""
@@ -306,7 +307,7 @@ class _Draft:
 
     # -- what it means -------------------------------------------------------------------------------------------
 
-    def goal(self, steps: Sequence[Step]) -> Goal:
+    def goal(self, steps: Sequence[ScriptedMove]) -> Goal:
         """What holds at the end of steps, from below: each object's last place, if its frame stays where it is."""
         last = {step.object: number for number, step in enumerate(steps)}
         return tuple(
@@ -315,8 +316,8 @@ class _Draft:
             if last[step.object] == number and last.get(step.frame, -1) < number
         )
 
-    def _relation(self, step: Step) -> Rests | Inside:
-        if step.verb == "drop":
+    def _relation(self, step: ScriptedMove) -> Rests | Inside:
+        if step.type == "drop":
             return Inside(step.object, step.frame)
         upon = step.at[:2] == (0.0, 0.0)
         return Rests(step.object, step.frame, step.at, 0.03 if upon else 0.05, step.yaw or 0.0)
@@ -326,7 +327,7 @@ class _Draft:
         last = {step.object: number for number, step in enumerate(self.steps)}
         return all(last.get(self.steps[number].frame, -1) < number for number in last.values())
 
-    def _ways(self, goal: Goal) -> tuple[tuple[tuple[Step, ...], ...], tuple[Goal, ...], int]:
+    def _ways(self, goal: Goal) -> tuple[tuple[tuple[ScriptedMove, ...], ...], tuple[Goal, ...], int]:
         """The scripts, the goals, and the fewest demonstrations: other orders, or another place for one object."""
         script = tuple(self.steps)
         lot = self.rng.random()
@@ -338,7 +339,7 @@ class _Draft:
         orders = dict.fromkeys((script, *(self._shuffled(script) for _ in range(2))))
         return tuple(orders), (goal,), 3
 
-    def _otherwise(self, script: tuple[Step, ...]) -> tuple[Step, ...] | None:
+    def _otherwise(self, script: tuple[ScriptedMove, ...]) -> tuple[ScriptedMove, ...] | None:
         """The same with one thing put onto another spot of the table."""
         numbers = [n for n, step in enumerate(script) if step.frame == BASE and script[n] is self.at[step.object]]
         if not numbers:
@@ -348,7 +349,7 @@ class _Draft:
         moved = replace(script[number], at=(x, y, script[number].at[2]))
         return (*script[:number], moved, *script[number + 1 :])
 
-    def _shuffled(self, script: tuple[Step, ...]) -> tuple[Step, ...]:
+    def _shuffled(self, script: tuple[ScriptedMove, ...]) -> tuple[ScriptedMove, ...]:
         """The steps in another order in which each still finds what it needs."""
         left, result = list(script), []
         while left:
@@ -357,7 +358,7 @@ class _Draft:
             left.remove(result[-1])
         return tuple(result)
 
-    def _bound(self, a: Step, b: Step) -> bool:
+    def _bound(self, a: ScriptedMove, b: ScriptedMove) -> bool:
         """Whether two steps keep their order: one moves what the other moves, stands by, or lies upon at the start."""
         piled = {a.object, b.object} <= set(self.stack)
         return piled or a.object in (b.object, b.frame) or b.object == a.frame

@@ -9,8 +9,9 @@ from learner.model import Definition, Drop, GripperIs, InGripper, Node, Pick, Pl
 from learner.model.condition import DROP_RADIUS_M
 from learner.model.pose import Quaternion
 from learner.model.tree import fallback, leaf, sequence
+from learner.simulation.script import ScriptedMove
 
-from .scenarios import Scenario, Step
+from .scenarios import Scenario
 
 DOWNWARDS: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
@@ -20,14 +21,14 @@ def handwritten(scenario: Scenario) -> Tree:
     return Tree(Definition(scenario.name, sequence(*(_placement(step) for step in scenario.scripts[0]))))
 
 
-def _placement(step: Step) -> Node:
+def _placement(step: ScriptedMove) -> Node:
     release = _release(step)
     grasp = fallback(leaf(InGripper(step.object)), sequence(fallback(leaf(GripperIs("open")), leaf(SetGripper("open"))),
                      leaf(Pick(step.object, step.object, (0.0, 0.0, 0.0), DOWNWARDS))))  # fmt: skip
     return fallback(leaf(release.achieves), sequence(grasp, leaf(release)))
 
 
-def _release(step: Step) -> Place | Drop:
-    if step.verb == "place":
+def _release(step: ScriptedMove) -> Place | Drop:
+    if step.type == "place":
         return Place(step.object, step.frame, step.at, DOWNWARDS, step.at)
     return Drop(step.object, step.frame, step.at, DOWNWARDS, step.at, DROP_RADIUS_M)

@@ -1,7 +1,8 @@
 """Tasks as data. To add one, write the placements of its demonstration down and say what must hold at the end.
 
-A `Step` is a pick and a place (or drop) of one object: where its origin comes to rest, in which frame. Starts are drawn
-anywhere on the table, any yaw, nothing overlapping, such that the demonstration is possible. Lengths [m], angles [rad].
+A `ScriptedMove` is a pick and a place (or drop) of one object: where its origin comes to rest, in which frame. Starts
+are drawn anywhere on the table, any yaw, nothing overlapping, such that the demonstration is possible. Lengths [m],
+angles [rad].
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
-from typing import Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from learner.model import ObjectShape, Scene
 from learner.model.pose import Vector
 from learner.simulation.gravity import WALL_M, Body, Spot
 from learner.simulation.kinematic_world import WORKSPACE_M
+from learner.simulation.script import Inside, MoveType, Rests, ScriptedMove
 
 BASE = "base"
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))
@@ -30,45 +31,6 @@ IN_BOX = WALL_M + CUBE.half_height - BOX.half_height
 """Height of a cube's origin on the floor of the box, in the box's frame."""
 ON_BOARD = BOARD.half_height + CUBE.half_height
 OVER_BOX: Vector = (0.0, 0.0, 0.1)
-
-Verb = Literal["place", "drop"]
-
-
-@dataclass(frozen=True)
-class Step:
-    """Pick `object`, release it so that its origin is `at` in `frame`, turned to `yaw` of the frame (None: as it was).
-
-    A drop's `at` is where it is let go.
-    """
-
-    verb: Verb
-    object: str
-    frame: str
-    at: Vector
-    yaw: float | None = 0.0
-
-
-@dataclass(frozen=True)
-class Rests:
-    """A relation that must hold in the world: the origin of `object` within `radius_m` of `at` in `frame`, released.
-
-    `yaw` is how it is turned when somebody puts it there; what is placed beside it goes by that.
-    """
-
-    object: str
-    frame: str
-    at: Vector
-    radius_m: float = 0.05
-    yaw: float = 0.0
-
-
-@dataclass(frozen=True)
-class Inside:
-    """The origin of `object` lies within the footprint of `frame` and not above its walls."""
-
-    object: str
-    frame: str
-
 
 Relation = Rests | Inside
 Goal = tuple[Relation, ...]
@@ -104,7 +66,7 @@ class Scenario:
 
     name: str
     objects: Mapping[str, Body]
-    scripts: tuple[tuple[Step, ...], ...]
+    scripts: tuple[tuple[ScriptedMove, ...], ...]
     goals: tuple[Goal, ...]
     start: Start = Start()
     any_order: bool = False
@@ -143,7 +105,7 @@ class Scenario:
         return abs(at.x) < half_x and abs(at.y) < half_y and abs(at.z) < half_z
 
     def draw_start(
-        self, rng: np.random.Generator, script: tuple[Step, ...] | None = None, tries: int = 5000
+        self, rng: np.random.Generator, script: tuple[ScriptedMove, ...] | None = None, tries: int = 5000
     ) -> dict[str, Spot]:
         """Random spots from which the task can be done without meeting anything.
 
@@ -159,7 +121,7 @@ class Scenario:
                 return spots
         raise RuntimeError(f"no start was found for {self.name}; its objects do not fit on the table")
 
-    def _relevant(self, script: tuple[Step, ...] | None) -> tuple[tuple[Step, ...], ...]:
+    def _relevant(self, script: tuple[ScriptedMove, ...] | None) -> tuple[tuple[ScriptedMove, ...], ...]:
         return (script,) if script else self.scripts
 
 
@@ -232,12 +194,12 @@ def _outside(scenario: Scenario, spots: Mapping[str, Spot], a: str, b: str) -> f
     return math.hypot(max(abs(x) - half_x, 0.0), max(abs(y) - half_y, 0.0)) - scenario.objects[a].radius
 
 
-def _as_steps(goal: Goal) -> tuple[Step, ...]:
+def _as_steps(goal: Goal) -> tuple[ScriptedMove, ...]:
     """A goal straight away, without what a script does on the way; goals are written from below."""
-    return tuple(Step("place", r.object, r.frame, r.at, r.yaw) for r in goal if isinstance(r, Rests))
+    return tuple(ScriptedMove("place", r.object, r.frame, r.at, r.yaw) for r in goal if isinstance(r, Rests))
 
 
-def _worth_showing(spots: Mapping[str, Spot], script: tuple[Step, ...]) -> bool:
+def _worth_showing(spots: Mapping[str, Spot], script: tuple[ScriptedMove, ...]) -> bool:
     """Whether every step moves its object away from where it stands."""
     now = dict(spots)
     for step in script:
@@ -248,7 +210,7 @@ def _worth_showing(spots: Mapping[str, Spot], script: tuple[Step, ...]) -> bool:
     return True
 
 
-def _possible(scenario: Scenario, spots: Mapping[str, Spot], steps: tuple[Step, ...]) -> bool:
+def _possible(scenario: Scenario, spots: Mapping[str, Spot], steps: tuple[ScriptedMove, ...]) -> bool:
     """Whether every placement of the demonstration finds its place in reach and free."""
     (x0, x1), (y0, y1) = WORKSPACE_M
     now = dict(spots)
@@ -260,12 +222,12 @@ def _possible(scenario: Scenario, spots: Mapping[str, Spot], steps: tuple[Step, 
         now[step.object] = there
         if not _free(scenario, now, step) or not _free(scenario, {**spots, step.object: there}, step):
             return False
-        if step.verb == "drop":
+        if step.type == "drop":
             now[step.object] = replace(there, z=ON_TABLE)
     return True
 
 
-def _free(scenario: Scenario, spots: Mapping[str, Spot], step: Step) -> bool:
+def _free(scenario: Scenario, spots: Mapping[str, Spot], step: ScriptedMove) -> bool:
     """Whether nothing but what belongs there stands at the place of a step: what is lower carries it."""
     name, there = step.object, spots[step.object]
     bottom = there.z - scenario.objects[name].half_height
@@ -282,9 +244,9 @@ def _holds_from_below(scenario: Scenario, spots: Mapping[str, Spot], name: str, 
     return spots[name].z + body.half_height <= bottom_m + 0.01
 
 
-def tower(base: Step | None, *names: str, verb: Verb = "place") -> tuple[Step, ...]:
+def tower(base: ScriptedMove | None, *names: str, verb: MoveType = "place") -> tuple[ScriptedMove, ...]:
     """The steps that build a tower of `names` from the bottom up; `base` places the lowest one first."""
-    upwards = tuple(Step(verb, upper, lower, ON_TOP) for lower, upper in pairwise(names))
+    upwards = tuple(ScriptedMove(verb, upper, lower, ON_TOP) for lower, upper in pairwise(names))
     return (base, *upwards) if base else upwards
 
 
@@ -293,72 +255,74 @@ def stacked(*names: str) -> Goal:
     return tuple(Rests(upper, lower, ON_TOP, 0.03) for lower, upper in pairwise(names))
 
 
-def on_spot(name: str, x: float, y: float) -> Step:
+def on_spot(name: str, x: float, y: float) -> ScriptedMove:
     """Place a cube on the table at (x, y) of the base."""
-    return Step("place", name, BASE, (x, y, ON_TABLE))
+    return ScriptedMove("place", name, BASE, (x, y, ON_TABLE))
 
 
-def goal_of(*steps: Step) -> Goal:
+def goal_of(*steps: ScriptedMove) -> Goal:
     """The end state of steps, each taken literally: a drop into a box is inside it, a place within 5 cm."""
     return tuple(
-        Inside(step.object, step.frame) if step.verb == "drop" else Rests(step.object, step.frame, step.at)
+        Inside(step.object, step.frame) if step.type == "drop" else Rests(step.object, step.frame, step.at)
         for step in steps
     )
 
 
-def _slots(names: str) -> tuple[Step, ...]:
+def _slots(names: str) -> tuple[ScriptedMove, ...]:
     places = [(x, y) for y in (-0.06, 0.06) for x in (-0.09, 0.0, 0.09)]
-    return tuple(Step("place", name, "box", (x, y, IN_BOX)) for name, (x, y) in zip(names, places, strict=False))
+    return tuple(
+        ScriptedMove("place", name, "box", (x, y, IN_BOX)) for name, (x, y) in zip(names, places, strict=False)
+    )
 
 
 def _cubes(names: str) -> dict[str, Body]:
     return dict.fromkeys(names, CUBE)
 
 
-OBJECT_IN_BOX = (Step("drop", "A", "box", OVER_BOX),)
+OBJECT_IN_BOX = (ScriptedMove("drop", "A", "box", OVER_BOX),)
 TOWER_AND_BOX = (*tower(None, "E", "D", "F"), *OBJECT_IN_BOX)
 TOWERS = (*tower(on_spot("A", 0.4, -0.3), *"ABC"), *tower(on_spot("D", 0.4, 0.3), *"DEF"))
 HANOI = (
     on_spot("D", 0.4, 0.3),
     on_spot("E", 0.4, 0.0),
-    Step("place", "D", "E", ON_TOP),
+    ScriptedMove("place", "D", "E", ON_TOP),
     on_spot("F", 0.4, 0.3),
     on_spot("D", 0.4, -0.3),
-    Step("place", "E", "F", ON_TOP),
-    Step("place", "D", "E", ON_TOP),
+    ScriptedMove("place", "E", "F", ON_TOP),
+    ScriptedMove("place", "D", "E", ON_TOP),
 )
-BESIDE = (Step("place", "A", "R", (0.12, 0.0, 0.0)),)
+BESIDE = (ScriptedMove("place", "A", "R", (0.12, 0.0, 0.0)),)
 LEAPFROG = (
-    Step("place", "A", "R", (0.0, 0.12, 0.0)),
-    Step("place", "R", "A", (0.0, 0.12, 0.0)),
-    Step("place", "B", "R", (0.0, 0.12, 0.0)),
+    ScriptedMove("place", "A", "R", (0.0, 0.12, 0.0)),
+    ScriptedMove("place", "R", "A", (0.0, 0.12, 0.0)),
+    ScriptedMove("place", "B", "R", (0.0, 0.12, 0.0)),
 )
 LEFT_AND_RIGHT = (
-    Step("place", "circle", "square", (0.0, 0.12, 0.0)),
-    Step("place", "triangle", "circle", (0.12, 0.0, 0.0)),
-    Step("place", "circle", "square", (0.0, -0.12, 0.0)),
-    Step("place", "triangle", "circle", (0.12, 0.0, 0.0)),
+    ScriptedMove("place", "circle", "square", (0.0, 0.12, 0.0)),
+    ScriptedMove("place", "triangle", "circle", (0.12, 0.0, 0.0)),
+    ScriptedMove("place", "circle", "square", (0.0, -0.12, 0.0)),
+    ScriptedMove("place", "triangle", "circle", (0.12, 0.0, 0.0)),
 )
 ON_A_BOARD = tuple(
-    Step("place", name, "board", (x, 0.0, ON_BOARD)) for name, x in zip("ABC", (-0.12, 0.0, 0.12), strict=True)
+    ScriptedMove("place", name, "board", (x, 0.0, ON_BOARD)) for name, x in zip("ABC", (-0.12, 0.0, 0.12), strict=True)
 )
 HERE, THERE = tower(on_spot("A", 0.4, -0.3), *"ABC"), tower(on_spot("A", 0.6, 0.3), *"ABC")
 TWICE = (
     on_spot("A", 0.35, -0.3),
     on_spot("B", 0.35, 0.3),
-    Step("place", "A", "board", (-0.12, 0.0, ON_BOARD)),
-    Step("place", "B", "A", ON_TOP),
+    ScriptedMove("place", "A", "board", (-0.12, 0.0, ON_BOARD)),
+    ScriptedMove("place", "B", "A", ON_TOP),
 )
 PYRAMID = (
     on_spot("A", 0.4, 0.2),
-    Step("place", "B", "A", (0.0, 0.07, 0.0)),
-    Step("place", "C", "A", (0.0, 0.035, 0.05)),
+    ScriptedMove("place", "B", "A", (0.0, 0.07, 0.0)),
+    ScriptedMove("place", "C", "A", (0.0, 0.035, 0.05)),
 )
 SORTING = (
-    Step("drop", "A", "left", (-0.07, 0.0, 0.1)),
-    Step("drop", "B", "left", (0.07, 0.0, 0.1)),
-    Step("drop", "C", "right", (-0.07, 0.0, 0.1)),
-    Step("drop", "D", "right", (0.07, 0.0, 0.1)),
+    ScriptedMove("drop", "A", "left", (-0.07, 0.0, 0.1)),
+    ScriptedMove("drop", "B", "left", (0.07, 0.0, 0.1)),
+    ScriptedMove("drop", "C", "right", (-0.07, 0.0, 0.1)),
+    ScriptedMove("drop", "D", "right", (0.07, 0.0, 0.1)),
 )
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from learner.model.pose import Vector
+from learner.simulation.script import MoveType, ScriptedMove
 
-from .scenarios import OVER_BOX, SCENARIOS, Step, Verb
+from .scenarios import OVER_BOX, SCENARIOS
 
 DEGREE: Final = math.radians(1.0)
 
@@ -30,11 +31,11 @@ class User:
     hand_m: float = 0.003
     hand_rad: float = DEGREE
     grasp_height_m: float = 0.0
-    verbs: tuple[tuple[str, Verb], ...] = ()
+    verbs: tuple[tuple[str, MoveType], ...] = ()
     orders: tuple[tuple[int, ...], ...] = ()
     moves_first: str | None = None
     coincidence: tuple[str, str, Vector] | None = None
-    scripts: tuple[tuple[Step, ...], ...] = ()
+    scripts: tuple[tuple[ScriptedMove, ...], ...] = ()
     mistakes: float = 0.0
     quarter_turns: bool = False
     unnamed: bool = False
@@ -62,13 +63,17 @@ REAL: Final = User(
 )
 """An expert in a cell as it is: every kind of noise at once."""
 
-STACK_BY_DROP: Final[tuple[tuple[str, Verb], ...]] = (("D", "drop"), ("F", "drop"))
-_BOX: Final = Step("drop", "A", "box", OVER_BOX)
-_UPSIDE_DOWN: Final = (Step("place", "D", "F", (0.0, 0.0, 0.05)), Step("place", "E", "D", (0.0, 0.0, 0.05)), _BOX)
+STACK_BY_DROP: Final[tuple[tuple[str, MoveType], ...]] = (("D", "drop"), ("F", "drop"))
+_BOX: Final = ScriptedMove("drop", "A", "box", OVER_BOX)
+_UPSIDE_DOWN: Final = (
+    ScriptedMove("place", "D", "F", (0.0, 0.0, 0.05)),
+    ScriptedMove("place", "E", "D", (0.0, 0.0, 0.05)),
+    _BOX,
+)
 _ANYHOW: Final = (
-    (Step("drop", "D", "box", OVER_BOX), Step("place", "A", "E", (0.0, 0.0, 0.05))),
-    (Step("place", "E", "A", (0.0, 0.0, 0.05)), Step("drop", "F", "box", OVER_BOX)),
-    (Step("place", "D", "F", (0.0, 0.1, 0.0)), Step("place", "D", "A", (0.0, 0.0, 0.05))),
+    (ScriptedMove("drop", "D", "box", OVER_BOX), ScriptedMove("place", "A", "E", (0.0, 0.0, 0.05))),
+    (ScriptedMove("place", "E", "A", (0.0, 0.0, 0.05)), ScriptedMove("drop", "F", "box", OVER_BOX)),
+    (ScriptedMove("place", "D", "F", (0.0, 0.1, 0.0)), ScriptedMove("place", "D", "A", (0.0, 0.0, 0.05))),
 )
 FOURTEEN: Final = (
     User("user01"),

@@ -245,7 +245,7 @@ def test_the_steps_of_a_scenario_done_by_skills_reach_its_goal_by_truth() -> Non
         for step in scenario.steps:
             assert pick(world, step.object) == SUCCESS
             frame = world.frame_in_base(step.frame)
-            hand = pointing_down(*frame.apply(step.position), yaw_of(frame @ Pose((0, 0, 0), (1.0, 0.0, 0.0, 0.0))))
+            hand = pointing_down(*frame.apply(step.at), yaw_of(frame @ Pose((0, 0, 0), (1.0, 0.0, 0.0, 0.0))))
             outcome = perform(world, skills.place(world, step.object, step.frame, frame.inverse() @ hand))
             assert outcome == SUCCESS
             assert not (world.goal_reached and world.held)

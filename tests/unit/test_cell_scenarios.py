@@ -29,7 +29,7 @@ def _after(name: str, start: dict[str, Pose]) -> dict[str, Pose]:
     for step in SCENARIOS[name].steps:
         frame = Pose((0.0, 0.0, 0.0)) if step.frame == BASE else poses[step.frame]
         lower = -0.07 if step.type == "drop" else 0.0
-        x, y, z = frame.apply(step.position)
+        x, y, z = frame.apply(step.at)
         poses[step.object] = Pose((x, y, z + lower), frame.quaternion_xyzw)
     return poses
 
