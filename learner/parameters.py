@@ -9,6 +9,7 @@ from learner.inference.parameters import InferenceParameters
 from learner.paper.parameters import PaperParameters
 from learner.planning.parameters import PlanningParameters
 from learner.proof.parameters import ProofParameters
+from learner.rehearsal.parameters import RehearsalParameters
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,7 @@ class Parameters:
     inference: InferenceParameters = field(default_factory=InferenceParameters)
     planning: PlanningParameters = field(default_factory=PlanningParameters)
     proof: ProofParameters = field(default_factory=ProofParameters)
+    rehearsal: RehearsalParameters = field(default_factory=RehearsalParameters)
 
     def to_data(self) -> dict[str, Any]:
         """For the manifest."""

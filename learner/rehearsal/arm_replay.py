@@ -20,24 +20,8 @@ from learner.rehearsal.rehearsal import Actor, RolloutResult, judged
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.stage import Stage, Start
 
-ACTIONS: Final = 12
-"""Runs are done while they are expected to take no more actions than this together, but one at least ..."""
-REPLAYS: Final = 2
-"""... and not more than this, unless all of them fail ..."""
-TRIES: Final = 3
-"""... when so many starts are tried in all, before a tree is refused."""
 STEPS_PER_ACTION: Final = 45
 """An action takes the arm about this many periods."""
-GRID_M: Final = 0.05
-SHIFTS: Final = 30
-"""Shifts are tried on a grid of GRID_M, so many steps to each side."""
-ROOM_M: Final = 0.25
-"""Nothing stands nearer to the arm's base ..."""
-BEHIND_M: Final = -0.2
-"""... nor further behind it, where the table ends soon."""
-HAND_M: Final = 0.12
-"""From the middle of an object to what stands beside it [m], so that the simulated hand fits at any yaw."""
-
 Goals = Callable[[Stage], Sequence[Goal]]
 """The goals in the terms of a stage."""
 
@@ -84,13 +68,14 @@ def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
     if not stage.starts:
         return Replay(reason="the stage reproduces no demonstration")
     here = goals(stage)
-    count = max(1, min(REPLAYS, ACTIONS // max(1, *(goal.actions for goal in here))))
+    numbers = stage.parameters.replay
+    count = max(1, min(numbers.replays, numbers.actions // max(1, *(goal.actions for goal in here))))
     roomy = sorted(range(len(stage.starts)), key=lambda n: not _roomy(stage, stage.starts[n], here))
     shifted = ((number, _within_reach(stage, stage.starts[number], goals)) for number in roomy)
     stages = ((number, moved) for number, moved in shifted if moved is not None)
     runs = (_run(tree, moved, number, goals(moved)) for number, moved in stages)
     results = list(islice(runs, count))
-    while len(results) < TRIES and not any(result.done for result in results) and (more := next(runs, None)):
+    while len(results) < numbers.tries and not any(result.done for result in results) and (more := next(runs, None)):
         results.append(more)
     reason = None if results else "no demonstration fits into the reach of the simulated arm"
     return Replay(tuple(results), reason)
@@ -105,7 +90,7 @@ def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> Rollou
         stage.bodies, start.spots, rng, base_frame=stage.base, sizes=stage.sizes, end_effector=stage.end_effector
     ) as world:
         ticker = Actor(stage.root(tree.flattened())).enter(world)
-        judgement = judged(rollout, world, ticker, goals, rng, STEPS_PER_ACTION)
+        judgement = judged(rollout, world, ticker, goals, rng, stage.parameters.judging, STEPS_PER_ACTION)
         return RolloutResult(rollout, judgement, world)
 
 
@@ -120,11 +105,11 @@ def _arm_is_at_fault(result: RolloutResult) -> bool:
 
 def _roomy(stage: Stage, start: Start, goals: Sequence[Goal]) -> bool:
     """Whether nothing stands close beside what is to be moved."""
-    table = stage.world(start.spots, np.random.default_rng(0)).table
+    table, hand_m = stage.world(start.spots, np.random.default_rng(0)).table, stage.parameters.replay.hand_m
     moved = {name for goal in goals for name in goal.objects}
     hulls = {name: table.footprint(name) for name in table.spots}
     return not any(
-        hulls[other].covers(start.spots[name].x, start.spots[name].y, HAND_M) and not hulls[other].overlaps(hulls[name])
+        hulls[other].covers(start.spots[name].x, start.spots[name].y, hand_m) and not hulls[other].overlaps(hulls[name])
         for name in moved
         for other in hulls
         if other != name
@@ -139,15 +124,16 @@ def _within_reach(stage: Stage, start: Start, goals: Goals) -> Stage | None:
     here = goals(stage)
     needed = [goal.place(relation, world) for goal in here for relation in (*goal.relations, *goal.meanwhile)]
     needed += [start.spots[name] for goal in here for name in (*goal.objects, *([goal.held] if goal.held else []))]
-    steps = GRID_M * np.arange(-SHIFTS, SHIFTS + 1)
+    numbers = stage.parameters.replay
+    steps = numbers.grid_m * np.arange(-numbers.shifts, numbers.shifts + 1)
     shifts = np.array(np.meshgrid(steps, steps)).reshape(2, -1).T
     points = np.array([(spot.x, spot.y) for spot in needed]) + shifts[:, None]
     away, direction = np.hypot(points[..., 0], points[..., 1]), np.arctan2(points[..., 1], points[..., 0])
     fits = ((away >= REACH_M[0]) & (away <= REACH_M[1]) & (np.abs(direction) <= REACH_RAD)).all(axis=1)
     others = np.array([(spot.x, spot.y) for spot in start.spots.values()]) + shifts[:, None]
     radii = np.array([stage.bodies[name].radius for name in start.spots])
-    fits &= (np.hypot(others[..., 0], others[..., 1]) > ROOM_M + radii).all(axis=1)
-    fits &= (others[..., 0] > BEHIND_M + radii).all(axis=1)
+    fits &= (np.hypot(others[..., 0], others[..., 1]) > numbers.room_m + radii).all(axis=1)
+    fits &= (others[..., 0] > numbers.behind_m + radii).all(axis=1)
     if not fits.any():
         return None
     x, y = min(shifts[fits].tolist(), key=lambda shift: (shift[0] ** 2 + shift[1] ** 2, shift))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 from learner.inference.goals import Group
 from learner.inference.targets import Target
@@ -14,9 +13,6 @@ from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, ObjectRoughly
 from learner.rehearsal.stage import Stage
 from learner.simulation.arena import Arena
 from learner.simulation.gravity import Spot, Table
-
-SLACK_M: Final = 0.015
-"""The truth may lie this much outside of the paper's radius: the camera may have seen it within."""
 
 Relation = ObjectAt | ObjectRoughlyAt
 
@@ -79,9 +75,13 @@ def goals_of(groups: Sequence[Group], placements: Mapping[Target, Place | Drop],
 
 
 def on_stage(relation: Relation, stage: Stage) -> Relation:
-    """In the stage's terms, with the paper's radius: what the task means does not depend on what the tree looks for."""
+    """In the stage's terms, with the paper's radius: what the task means does not depend on what the tree looks for.
+
+    The truth may lie a little outside of it: the camera may have seen it within.
+    """
     widest = PLACE_RADIUS_M if isinstance(relation, ObjectAt) else DROP_RADIUS_M
-    return replace(relation, position=stage.point(relation.frame, relation.position), radius=widest)
+    radius = widest + stage.parameters.judging.slack_m
+    return replace(relation, position=stage.point(relation.frame, relation.position), radius=radius)
 
 
 def holds(relation: Relation, world: Arena) -> bool:
@@ -89,4 +89,4 @@ def holds(relation: Relation, world: Arena) -> bool:
     at = world.spot(relation.frame).relative(world.spot(relation.object))
     x, y, z = relation.position
     away_m = math.hypot(at.x - x, at.y - y, 0.0 if isinstance(relation, ObjectRoughlyAt) else at.z - z)
-    return world.held != relation.object and away_m <= relation.radius + SLACK_M
+    return world.held != relation.object and away_m <= relation.radius

@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import islice, pairwise
-from typing import Final
 
 from learner.inference.targets import Target
 from learner.model import Drop, Place, Tree
@@ -20,19 +19,9 @@ from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.rounding import rounded
 from learner.rehearsal.goal import Goal, holds
+from learner.rehearsal.parameters import LessonParameters
 from learner.rehearsal.rehearsal import RELEASES, Rehearsal, RolloutResult
 from learner.simulation.gravity import Body
-
-TRIALS: Final = 4
-"""So many repaired trees are rehearsed at the most."""
-OFTEN: Final = 3
-"""What happens so often in one rollout is no accident."""
-WIDER: Final = 2.0
-"""A radius that is too small grows by this factor ..."""
-LEAST_M: Final = 0.02
-"""... and to this at least [m]."""
-APART: Final = 0.49
-"""Of the distance to the nearest other target a radius is at most this share."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +35,15 @@ class Candidate:
 
 def candidates(
     first: Tree, plan: Callable[[Repairs], Tree], rehearse: Callable[[Tree], Rehearsal],
-    propose: Callable[[Sequence[RolloutResult], Repairs], Sequence[Repairs]],
+    propose: Callable[[Sequence[RolloutResult], Repairs], Sequence[Repairs]], trials: int = LessonParameters.trials,
 ) -> list[Candidate]:  # fmt: skip
     """The first tree, then each repaired one that rehearses better than all before it.
 
-    Of the repairs proposed the first is taken that makes it no worse; one that is as good is repaired further, if its
-    failures teach more.
+    At most so many `trials` are made. Of the repairs proposed the first is taken that makes it no worse; one that is as
+    good is repaired further, if its failures teach more.
     """
     last = Candidate(first, NOTHING, rehearse(first))
-    found, left = [last], TRIALS
+    found, left = [last], trials
     while left:
         options = (last.repairs | option for option in propose(last.rehearsal.failures, last.repairs))
         others = islice((repairs for repairs in options if repairs != last.repairs), left)
@@ -92,9 +81,10 @@ class Lessons:
         orders: Callable[[Repairs], Sequence[Sequence[Target]]],
         goals: Sequence[Goal],
         bodies: Mapping[str, Body],
+        parameters: LessonParameters | None = None,
     ) -> None:
         self.placements, self.nearest_m, self.orders = placements, nearest_m, orders
-        self.goals, self.bodies = goals, bodies
+        self.goals, self.bodies, self.parameters = goals, bodies, parameters or LessonParameters()
         self.known = NOTHING
 
     def of(self, failures: Sequence[RolloutResult], known: Repairs = NOTHING) -> Sequence[Repairs]:
@@ -122,7 +112,7 @@ class Lessons:
     def _contacts(self, result: RolloutResult) -> Iterator[Repairs]:
         for (kind, name, frame, failure), times in result.failing.items():
             met = failure.with_ if failure.kind == "contact" else None
-            if kind in RELEASES and met is not None and met in self.bodies and times >= OFTEN:
+            if kind in RELEASES and met is not None and met in self.bodies and times >= self.parameters.often:
                 yield from (self._contact(target, met, result) for target in self._targets(name, frame))
 
     def _contact(self, target: Target, met: str, result: RolloutResult) -> Repairs:
@@ -142,7 +132,7 @@ class Lessons:
         placed = Counter(result.placed)
         for order in self.orders(self.known):
             for place, target in enumerate(order):
-                if placed[target.object, target.frame] >= OFTEN:
+                if placed[target.object, target.frame] >= self.parameters.often:
                     under = {target.frame, *(target.upon or ())[:1]}
                     later = [other for other in order[place + 1 :] if other.object in under]
                     yield Repairs(before=frozenset((other, target) for other in later))
@@ -150,8 +140,9 @@ class Lessons:
     def _radii(self, result: RolloutResult) -> Iterator[Repairs]:
         """Wider where an object was placed again and again with nothing between, or reached for and let be."""
         repeated = Counter(a for a, b in pairwise(result.placed) if a == b)
-        again = {pair for pair, times in repeated.items() if times >= OFTEN - 1}
-        given_up = {name for (kind, name), times in result.given_up.items() if kind == "Pick" and times >= OFTEN}
+        often = self.parameters.often
+        again = {pair for pair, times in repeated.items() if times >= often - 1}
+        given_up = {name for (kind, name), times in result.given_up.items() if kind == "Pick" and times >= often}
         for target in self.placements:
             if (target.object, target.frame) in again or target.object in given_up:
                 yield Repairs(radii=self._wider(target))
@@ -160,7 +151,9 @@ class Lessons:
         placement = self.placements[target]
         cap = PLACE_RADIUS_M if isinstance(placement, Place) else DROP_RADIUS_M
         now_m = dict(self.known.radii).get(target, placement.radius)
-        wider = rounded(min(cap, max(LEAST_M, WIDER * now_m), APART * self.nearest_m.get(target, cap / APART)))
+        p = self.parameters
+        apart = p.apart * self.nearest_m.get(target, cap / p.apart)
+        wider = rounded(min(cap, max(p.least_m, p.wider * now_m), apart))
         return ((target, wider),) if wider > now_m else ()
 
     def _targets(self, name: str, frame: str) -> list[Target]:

@@ -18,6 +18,7 @@ import numpy as np
 from learner.execution.ticking import Leaves, Status, Ticker
 from learner.model import Node, Tree
 from learner.rehearsal.goal import Goal
+from learner.rehearsal.parameters import JudgingParameters
 from learner.rehearsal.rollouts import STEPS_PER_ACTION, Rollout, rollouts
 from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
@@ -25,18 +26,7 @@ from learner.simulation.arena import Arena
 from learner.simulation.failure import Failure
 from learner.simulation.kinematic_world import PERIOD_S
 
-HOLD_STEPS: Final = round(1.0 / PERIOD_S)
-"""The goal must hold this long."""
-IDLE_STEPS: Final = 3 * HOLD_STEPS
-"""A tree that has done nothing for this long will not go on."""
-PATIENCE: Final = 3
-"""At most this many times the actions of an undisturbed run ..."""
-ASIDE: Final = 4
-"""... and this many more for each thing that was put in the way: twice a pick and a placement."""
 RELEASES: Final = ("Place", "Drop")
-SENTENCES: Final = 5
-"""So many failures are told."""
-
 Judgement = Literal["done", "false success", "too many actions", "no progress"]
 
 
@@ -108,7 +98,7 @@ class Rehearsal:
             "by_kind": {kind: str(_done(results)) for kind, results in by_kind.items()},
             "false_successes": sum(result.judgement == "false success" for result in self.results),
             "contacts": sum(result.world.faults.contacts for result in self.results),
-            "failures": [str(result) for result in self.failures[:SENTENCES]],
+            "failures": [str(result) for result in self.failures[: self.stage.parameters.judging.told]],
             "left_out": dict(self.stage.left_out),
         }
 
@@ -133,15 +123,16 @@ def perform(rollout: Rollout, actor: Actor, stage: Stage, goals: Sequence[Goal],
     """A rollout in the kinematic world, ticked until it is clear how it ends."""
     rng = np.random.default_rng([1, number])
     world = stage.world(rollout.spots, rng)
-    return RolloutResult(rollout, judged(rollout, world, actor.enter(world), goals, rng), world)
+    judgement = judged(rollout, world, actor.enter(world), goals, rng, stage.parameters.judging)
+    return RolloutResult(rollout, judgement, world)
 
 
 def judged(
     rollout: Rollout, world: Arena, ticker: Ticker, goals: Sequence[Goal], rng: np.random.Generator,
-    steps_per_action: int = STEPS_PER_ACTION,
+    parameters: JudgingParameters, steps_per_action: int = STEPS_PER_ACTION,
 ) -> Judgement:  # fmt: skip
     """How a rollout ends in a world: the truth decides, not what the tree says."""
-    return _Course(rollout, world, ticker, goals, rng, steps_per_action).judgement()
+    return _Course(rollout, world, ticker, goals, rng, parameters, steps_per_action).judgement()
 
 
 class Actor:
@@ -181,6 +172,7 @@ class _Course:
     ticker: Ticker
     goals: Sequence[Goal]
     rng: np.random.Generator
+    parameters: JudgingParameters
     steps_per_action: int
     said: int = 0
     true: int = 0
@@ -188,9 +180,10 @@ class _Course:
     pending: bool = False
 
     def judgement(self) -> Judgement:
-        limit = PATIENCE * max(goal.actions for goal in self.goals) + ASIDE * self.rollout.in_the_way
+        p = self.parameters
+        limit = p.patience * max(goal.actions for goal in self.goals) + p.aside * self.rollout.in_the_way
         self.pending = self.rollout.event is not None
-        for _ in range(2 * limit * self.steps_per_action + 10 * HOLD_STEPS):
+        for _ in range(2 * limit * self.steps_per_action + 10 * self.hold_steps):
             self._happen()
             judgement = self._tick()
             if judgement:
@@ -202,7 +195,7 @@ class _Course:
     def _happen(self) -> None:
         """Let the event happen when it is due, unless it never could before all was done."""
         if self.pending and self.rollout.event and self.world.steps >= self.rollout.due:
-            self.pending = not self.rollout.event(self.world, self.rng) and self.said < HOLD_STEPS
+            self.pending = not self.rollout.event(self.world, self.rng) and self.said < self.hold_steps
 
     def _tick(self) -> Judgement | None:
         before = len(self.world.attempts)
@@ -212,8 +205,14 @@ class _Course:
         self.said = self.said + 1 if status is Status.SUCCESS else 0
         self.true, self.idle = self.true + 1 if true else 0, 0 if working else self.idle + 1
         self.world.step()
-        if self.said >= HOLD_STEPS and not true:
+        if self.said >= self.hold_steps and not true:
             return "false success"
-        if min(self.said, self.true) >= HOLD_STEPS and not self.pending:
+        if min(self.said, self.true) >= self.hold_steps and not self.pending:
             return "done"
-        return "no progress" if self.idle > IDLE_STEPS and not self.said else None
+        idle = self.idle > round(self.parameters.idle_s / PERIOD_S)
+        return "no progress" if idle and not self.said else None
+
+    @property
+    def hold_steps(self) -> int:
+        """For so many steps the goal must hold."""
+        return round(self.parameters.hold_s / PERIOD_S)

@@ -7,7 +7,7 @@ goal's place, something upon what is to be moved, something taken out of the han
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -20,26 +20,7 @@ from learner.rehearsal.stage import Points, Spots, Stage, Start
 from learner.simulation.arena import Arena
 from learner.simulation.gravity import GIVE_M, Spot, Table
 
-SHOWN: Final = 10
-KINDS: Final[Mapping[str, int]] = {
-    "scattered": 8,
-    "occupied": 5,
-    "partly": 8,
-    "covered": 5,
-    "tower": 2,
-    "taken": 3,
-    "moved": 3,
-}
-"""How many rollouts of each kind there are, beside at most SHOWN from the demonstrations' own starts."""
-DRAWS: Final = 30
-"""So many attempts to imagine a start in which the task can be done."""
 STEPS_PER_ACTION: Final = 7
-GAP_M: Final = 0.025
-"""Scattered things keep this distance from each other [m]."""
-CLEAR_M: Final = 0.01
-"""What cannot be moved keeps this distance from a goal's place [m]."""
-PARTLY_M: Final = (0.03, 0.065)
-"""How far from the middle of a goal's place [m] a thing stands that is partly in its way."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +48,12 @@ def rollouts(stage: Stage, goals: Sequence[Goal], picks: frozenset[str], seed: i
     `picks` are the objects that the tree can put aside. Among points nothing is in the way of anything. Another `seed`
     imagines otherwise.
     """
-    starts = [start for start in stage.starts if _can_be_done(stage.world(start.spots, _rng(0)), goals, picks)]
-    yield from (Rollout(start.demonstration_id, start.spots) for start in starts[:SHOWN])
+    numbers = stage.parameters.rollouts
+    worlds = ((start, stage.world(start.spots, _rng(0))) for start in stage.starts)
+    starts = [start for start, world in worlds if _can_be_done(world, goals, picks, numbers.clear_m)]
+    yield from (Rollout(start.demonstration_id, start.spots) for start in starts[: numbers.shown])
     makers = _Maker(stage, goals, picks)
-    for number, (kind, count) in enumerate(KINDS.items() if starts else ()):
+    for number, (kind, count) in enumerate(numbers.kinds.items() if starts else ()):
         for index in range(count):
             if not stage.points or kind in ("taken", "moved"):
                 made = makers.make(kind, index, starts[index % len(starts)], _rng(seed, number + 2, index))
@@ -85,7 +68,16 @@ class _Maker:
     """Makes rollouts of each kind."""
 
     def __init__(self, stage: Stage, goals: Sequence[Goal], picks: frozenset[str]) -> None:
-        self.stage, self.goals, self.picks = stage, goals, picks
+        self.stage, self.goals, self.picks, self.parameters = stage, goals, picks, stage.parameters.rollouts
+        self._makers = {
+            "scattered": self._scattered,
+            "occupied": self._occupied,
+            "partly": self._partly,
+            "covered": self._covered,
+            "tower": self._tower,
+            "taken": self._taken,
+            "moved": self._moved,
+        }
         (x0, x1), (y0, y1) = stage.workspace_m
         scene = stage.scene.workspace_m if stage.scene else None
         shift_x, shift_y, _ = stage.shift
@@ -96,12 +88,10 @@ class _Maker:
 
     def make(self, kind: str, index: int, start: Start, rng: np.random.Generator) -> Rollout | None:
         """A rollout of a kind; None if no attempt gives one in which the task can be done."""
-        for _ in range(DRAWS):
+        for _ in range(self.parameters.draws):
             world = self.stage.world(start.spots, rng)
-            made: Rollout | None = getattr(self, f"_{kind}")(
-                Rollout(start.demonstration_id, {}, kind), world, rng, index
-            )
-            if made is not None and _can_be_done(world, self.goals, self.picks):
+            made = self._makers[kind](Rollout(start.demonstration_id, {}, kind), world, rng, index)
+            if made is not None and _can_be_done(world, self.goals, self.picks, self.parameters.clear_m):
                 return replace(made, spots=dict(world.table.spots))
         return None
 
@@ -126,7 +116,7 @@ class _Maker:
 
     def _partly(self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int) -> Rollout | None:
         """A thing stands partly on the place of another."""
-        return self._in_the_way(rollout, world, rng, index, float(rng.uniform(*PARTLY_M)))
+        return self._in_the_way(rollout, world, rng, index, float(rng.uniform(*self.parameters.partly_m)))
 
     def _in_the_way(
         self, rollout: Rollout, world: Arena, rng: np.random.Generator, index: int, away_m: float
@@ -190,7 +180,7 @@ class _Maker:
             if name is None or spot is None:
                 return False
             running.lay(name, spot)
-            if _can_be_done(running, self.goals, self.picks):
+            if _can_be_done(running, self.goals, self.picks, self.parameters.clear_m):
                 return True
             running.recall(before)
             return False
@@ -211,31 +201,33 @@ class _Maker:
         (x0, x1), (y0, y1) = self.room_m
         body = world.bodies[name]
         edge = 0.03 if body.graspable else min(body.radius, (x1 - x0) / 2, (y1 - y0) / 2)
-        for _ in range(DRAWS):
+        for _ in range(self.parameters.draws):
             x, y = rng.uniform((x0 + edge, y0 + edge), (x1 - edge, y1 - edge)).tolist()
             spot = Spot(x, y, body.half_height, float(rng.uniform(-math.pi, math.pi)))
-            if _is_free(world, name, spot, GAP_M, ignored):
+            if _is_free(world, name, spot, self.parameters.gap_m, ignored):
                 return spot
         return None
 
 
-def _can_be_done(world: Arena, goals: Sequence[Goal], picks: frozenset[str]) -> bool:
+def _can_be_done(world: Arena, goals: Sequence[Goal], picks: frozenset[str], clear_m: float) -> bool:
     """Whether every place of a goal is in reach, not in the air, and kept free by what cannot be moved."""
-    return any(_can_be_reached(goal, world, picks) for goal in goals)
+    return any(_can_be_reached(goal, world, picks, clear_m) for goal in goals)
 
 
-def _can_be_reached(goal: Goal, world: Arena, picks: frozenset[str]) -> bool:
+def _can_be_reached(goal: Goal, world: Arena, picks: frozenset[str], clear_m: float) -> bool:
     if not all(_near(world, relation.object) for relation in goal.relations):
         return False
     table, here = goal.reached_in(world), world.table
     meanwhile = [relation for relation in goal.grounded if relation not in goal.relations]
     aside = picks - set(goal.objects)
-    return all(
-        _can_hold(relation, table, world, goal.place(relation, world), aside) for relation in goal.relations
-    ) and all(_can_hold(r, here, world, world.spot(r.frame).compose(Spot(*r.position, 0.0)), picks) for r in meanwhile)
+    places = [(relation, table, goal.place(relation, world), aside) for relation in goal.relations]
+    places += [(r, here, world.spot(r.frame).compose(Spot(*r.position, 0.0)), picks) for r in meanwhile]
+    return all(_can_hold(relation, on, world, there, away, clear_m) for relation, on, there, away in places)
 
 
-def _can_hold(relation: Relation, table: Table, world: Arena, there: Spot, aside: frozenset[str]) -> bool:
+def _can_hold(
+    relation: Relation, table: Table, world: Arena, there: Spot, aside: frozenset[str], clear_m: float
+) -> bool:
     """Whether an object can be brought to its place `there`, and stays on what `table` has there.
 
     What can be put `aside` does not matter.
@@ -247,7 +239,7 @@ def _can_hold(relation: Relation, table: Table, world: Arena, there: Spot, aside
     hull = table.footprint(relation.object, there)
     others = table.obstacles({relation.object, relation.frame, *aside})
     blocked = any(
-        block.overlaps(hull, 0.0 if world.bodies[block.name].graspable else -CLEAR_M)
+        block.overlaps(hull, 0.0 if world.bodies[block.name].graspable else -clear_m)
         and block.top > hull.bottom + GIVE_M
         and block.bottom < hull.top - GIVE_M
         for block in others

@@ -20,32 +20,14 @@ from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, 
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
 from learner.model.tree import Value
 from learner.planning.actions import scene_of
+from learner.rehearsal.parameters import RehearsalParameters
 from learner.simulation.gravity import WALL_M, Body, Spot, Table
 from learner.simulation.kinematic_world import NOISELESS, REACH_M, WORKSPACE_M, KinematicWorld, Noise
 
 POINT: Final = ObjectShape((0.02, 0.02, 0.02), "vertical")
 """What stands for an object whose shape nobody told; it meets nothing."""
-FLOATING_M: Final = 0.5
-"""How high above the table points begin: nothing falls there, and the hand meets no table."""
-UPRIGHT_RAD: Final = math.radians(20)
-"""A body tilted further against how it usually stands lies on another face."""
-INSIDE_M: Final = 0.01
-"""What reaches this far below the top of another, within its outline, lies in it."""
-ORIGIN_M: Final = 0.01
-"""An origin is taken to be in the middle of a body unless that would sink into the table by more than this."""
-PLACED_M: Final = 0.025
-"""The stage does as was shown if what is let go comes to rest this near to where it did ..."""
-DROPPED_M: Final = 0.08
-"""... and what is dropped, or falls further than FELL_M, this near."""
-FELL_M: Final = 0.03
-ABSENT_M: Final = 5.0
-"""Objects that a demonstration never saw stand this far away."""
-LEAST_TURN: Final = 0.5
-"""Faces that agree less than this on a turn of the hand tell none (the length of the mean of unit vectors)."""
 
 Spots = Mapping[str, Spot]
-MOST_STARTS: Final = 60
-"""Of more demonstrations, so many that are spread evenly over all make the starts of a stage."""
 Item = TypeVar("Item")
 
 
@@ -98,8 +80,9 @@ class Stage:
     middle.
     """
 
-    def __init__(self, demonstrations: Sequence[Demonstration]) -> None:
-        self.demonstrations = demonstrations
+    def __init__(self, demonstrations: Sequence[Demonstration], parameters: RehearsalParameters | None = None) -> None:
+        self.demonstrations, self.parameters = demonstrations, parameters or RehearsalParameters()
+        self.numbers = self.parameters.stage
         self.base = demonstrations[0].base_frame
         self.scene = scene_of(demonstrations)
         self.begins = [demonstration.first_seen for demonstration in demonstrations]
@@ -112,7 +95,7 @@ class Stage:
         self.shift = self._shift()
         self.tip = self._tip()
         self.left_out: dict[str, str] = {}
-        some = (self.start(demonstration) for demonstration in spread_evenly(demonstrations, MOST_STARTS))
+        some = (self.start(demonstration) for demonstration in spread_evenly(demonstrations, self.numbers.most_starts))
         self.starts = [start for start in some if start]
 
     @cached_property
@@ -204,7 +187,7 @@ class Stage:
     def _up(self, name: str) -> Array:
         """The direction (3,), in the object's frame, that points up when it stands as it mostly does."""
         ups = _ups(self._poses(name))
-        agreeing = ups @ ups.T > math.cos(UPRIGHT_RAD)
+        agreeing = ups @ ups.T > math.cos(self.numbers.upright_rad)
         mean = ups[agreeing[int(np.argmax(agreeing.sum(axis=1)))]].mean(axis=0)
         return np.asarray(mean / np.linalg.norm(mean))
 
@@ -225,7 +208,7 @@ class Stage:
             for begin in self.begins
             if (some := self._picked & set(begin))
         ]
-        return float(np.median(bottoms)) - (FLOATING_M if self.points else 0.0)
+        return float(np.median(bottoms)) - (self.numbers.floating_m if self.points else 0.0)
 
     def _origin_m(self, name: str) -> float:
         """How high the origin is above the body's middle [m]: 0, unless it would then stand deep in the table."""
@@ -233,7 +216,7 @@ class Stage:
             return 0.0
         lowest = float(np.median([pose.position[2] for pose in self._poses(name)])) - self.table_m
         half = self.shapes[name].size_m[2] / 2
-        return lowest - half if -ORIGIN_M <= lowest < half - ORIGIN_M else 0.0
+        return lowest - half if -self.numbers.origin_m <= lowest < half - self.numbers.origin_m else 0.0
 
     def _body(self, name: str) -> Body:
         shape = self.shapes[name]
@@ -253,7 +236,12 @@ class Stage:
             x, y, z = self._into(name).apply(pose.position)
             width, depth, height = self.shapes[inner].size_m
             fits = min(half_x, half_y) > min(width, depth) / 2 + WALL_M
-            if fits and abs(x) < half_x and abs(y) < half_y and -half_z < z < half_z - INSIDE_M + height / 2:
+            if (
+                fits
+                and abs(x) < half_x
+                and abs(y) < half_y
+                and -half_z < z < half_z - self.numbers.inside_m + height / 2
+            ):
                 return True
         return False
 
@@ -307,7 +295,7 @@ class Stage:
                 side = rotate(hand, rotate(body, np.array([1.0, 0.0, 0.0])))
                 angles.append(math.atan2(float(side @ y), float(side @ x)))
         mean = np.exp(4j * np.array(angles)).mean() if angles else 0.0
-        return float(np.angle(mean)) / 4 if abs(mean) > LEAST_TURN else 0.0
+        return float(np.angle(mean)) / 4 if abs(mean) > self.numbers.least_turn else 0.0
 
     # -- starts ------------------------------------------------------------------------------------------------------
 
@@ -328,7 +316,7 @@ class Stage:
     def _spots(self, poses: Mapping[str, Pose]) -> dict[str, Spot]:
         """Where everything stands; what nobody saw stands far away."""
         absent = {
-            name: Spot(ABSENT_M + number, ABSENT_M, self.bodies[name].half_height, 0.0)
+            name: Spot(self.numbers.absent_m + number, self.numbers.absent_m, self.bodies[name].half_height, 0.0)
             for number, name in enumerate(self.names)
             if name not in poses
         }
@@ -337,7 +325,7 @@ class Stage:
     def _tilted(self, poses: Mapping[str, Pose]) -> str | None:
         for name, pose in poses.items():
             up = rotate(np.array(self.turns[name]), _ups([pose])[0])
-            if up[2] < math.cos(UPRIGHT_RAD):
+            if up[2] < math.cos(self.numbers.upright_rad):
                 return f"{name} lies on another face than in the others"
         return None
 
@@ -354,7 +342,9 @@ class Stage:
         fall_m = world.table.drop(name, world.table.spots[name])
         rest, shown = world.table.spots[name], self.spot(name, action.rest[self.base])
         away = math.dist((rest.x, rest.y), (shown.x, shown.y))
-        near_m = DROPPED_M if action.type == "drop" or fall_m > FELL_M else PLACED_M
+        near_m = (
+            self.numbers.dropped_m if action.type == "drop" or fall_m > self.numbers.fell_m else self.numbers.placed_m
+        )
         return f"{name} would not stay where it came to rest" if self._off(away, rest, shown, near_m) else None
 
     def _off(self, away_m: float, rest: Spot, shown: Spot, near_m: float) -> bool:

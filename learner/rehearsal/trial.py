@@ -42,7 +42,7 @@ def rehearse_and_repair(learned: Learned, demonstrations: Sequence[Demonstration
     except NothingLearnedError as error:
         told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
         return certify(replace(learned, report={**learned.report, **told}), base_frame)
-    return _Trial(learned, draft, Stage(demonstrations)).learned()
+    return _Trial(learned, draft, Stage(demonstrations, parameters.rehearsal)).learned()
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,7 @@ class _Trial:
 
     def __init__(self, learned: Learned, draft: Draft, stage: Stage) -> None:
         self.first, self.draft, self.stage = learned, draft, stage
+        self.numbers = stage.parameters.lessons
         self.goals = partial(goals_of, draft.understood.groups, draft.placements)
 
     def learned(self) -> Learned:
@@ -88,7 +89,7 @@ class _Trial:
 
     def _best(self) -> _Tried:
         """The best candidate; if its replay fails, what that teaches is tried too."""
-        found = candidates(self.first.tree, self._made, self._rehearsed, self._proposed)
+        found = candidates(self.first.tree, self._made, self._rehearsed, self._proposed, self.numbers.trials)
         best = self._best_proven(found)
         seen = self._proposed(best.replay.failures, best.candidate.repairs)
         repairs = best.candidate.repairs | (seen[-1] if seen else NOTHING)
@@ -124,7 +125,12 @@ class _Trial:
     @cached_property
     def _lessons(self) -> Lessons:
         return Lessons(
-            self.draft.placements, self.draft.nearest_m, self.draft.orders, self.goals(self.stage), self.stage.bodies
+            self.draft.placements,
+            self.draft.nearest_m,
+            self.draft.orders,
+            self.goals(self.stage),
+            self.stage.bodies,
+            self.numbers,
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -18,11 +17,6 @@ from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage, spread_evenly
 
-MOST_TRIALS: Final = 60
-"""So many demonstrations are tried in all at most, the same number of each user, spread evenly over all that they gave
-..."""
-LEAST_TRIALS: Final = 3
-"""... but of each user at least so many: enough to tell half."""
 Step = tuple[str, int]
 """A pick: the id of its demonstration, and its place in it."""
 
@@ -40,7 +34,8 @@ def success_without(draft: Draft, stage: Stage) -> dict[str, Share | None]:
 def _success(user: str, others: Understanding | None, draft: Draft, stage: Stage) -> Share | None:
     if others is None:
         return None
-    shown, most = draft.understood.samples, max(LEAST_TRIALS, MOST_TRIALS // len(draft.without))
+    numbers = stage.parameters.users
+    shown, most = draft.understood.samples, max(numbers.least_trials, numbers.most_trials // len(draft.without))
     mine = spread_evenly(np.flatnonzero(shown.users == user).tolist(), most)
     starts = {number: start for number in mine if (start := stage.start(shown.demonstrations[number]))}
     if not starts:

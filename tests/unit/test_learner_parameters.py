@@ -105,3 +105,26 @@ def test_other_radii_make_other_actions_and_leave_the_first_ones_as_they_are(boa
     assert dict(first.placements) == before
     assert second.placements[target] == replace(before[target], radius=0.011)
     assert [second.placements[other] for other in others] == [before[other] for other in others]
+
+
+@pytest.mark.parametrize(
+    ("group", "changed"),
+    [
+        ("rollouts", {"shown": 1}),
+        ("rollouts", {"kinds": {"taken": 1}}),
+        ("judging", {"patience": 0, "aside": 0}),
+        ("replay", {"replays": 1}),
+        ("stage", {"placed_m": -1.0}),
+    ],
+)
+def test_a_number_of_the_rehearsal_that_is_handed_in_changes_what_it_finds(
+    board: list[Demonstration], group: str, changed: dict[str, Any]
+) -> None:
+    rehearsal = replace(PARAMETERS.rehearsal, **{group: replace(getattr(PARAMETERS.rehearsal, group), **changed)})
+    usual, other = (
+        learn(board, parameters, rehearsed=True)
+        for parameters in (PARAMETERS, replace(PARAMETERS, rehearsal=rehearsal))
+    )
+    told = ("rehearsal", "replay")
+    assert [usual.report[what] for what in told] != [other.report[what] for what in told]
+    assert other.parameters.to_data()["rehearsal"][group] != usual.parameters.to_data()["rehearsal"][group]
