@@ -23,7 +23,7 @@ from pipelines.errors import TakenError
 if TYPE_CHECKING:
     import zenoh
 
-SETTLE_S: Final = 0.4
+SETTLE_S: Final = 0.6
 """A claim is known to all that answer within this time [s]."""
 LOOK_S: Final = 1.0
 """So long tokens are waited for [s]; they come at once."""
@@ -66,17 +66,31 @@ def owned(session: zenoh.Session, key: str, what: str) -> Iterator[Owner]:
     me = Owner.here()
     claim = session.liveliness().declare_token(f"{key}/claim/{me.chunks}")
     try:
-        time.sleep(SETTLE_S)
-        holders, claims = _owners(session, f"{key}/held"), _owners(session, f"{key}/claim")
-        winner = min([*holders, *([] if holders else claims)], default=me)
-        if winner != me:
-            raise TakenError(what, str(winner))
-        token = session.liveliness().declare_token(f"{key}/held/{me.chunks}")
+        token = _held(session, key, what, me)
     finally:
         claim.undeclare()  # type: ignore[no-untyped-call]  # zenoh leaves its return type out
     try:
         yield me
     finally:
+        token.undeclare()  # type: ignore[no-untyped-call]  # zenoh leaves its return type out
+
+
+def _held(session: zenoh.Session, key: str, what: str, me: Owner) -> zenoh.LivelinessToken:
+    """The token of the role, for a process that claims it.
+
+    Who claims it after we have looked looks itself no sooner than SETTLE_S later, and then sees our token, if it was
+    there in half that time. Where this process was held up meanwhile, it looks again.
+    """
+    while True:
+        time.sleep(SETTLE_S)
+        looked_s = time.monotonic()
+        holders, claims = _owners(session, f"{key}/held"), _owners(session, f"{key}/claim")
+        winner = min([*holders, *([] if holders else claims)], default=me)
+        if winner != me:
+            raise TakenError(what, str(winner))
+        token = session.liveliness().declare_token(f"{key}/held/{me.chunks}")
+        if time.monotonic() - looked_s < SETTLE_S / 2:
+            return token
         token.undeclare()  # type: ignore[no-untyped-call]  # zenoh leaves its return type out
 
 
