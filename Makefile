@@ -18,7 +18,7 @@ demo: $(READY)
 	$(BIN)/treewright demo
 
 test: $(READY)
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 3 --dist loadfile
 
 check: $(READY)
 	$(BIN)/ruff format --check .

@@ -14,6 +14,7 @@ from experiments.scenarios import SCENARIOS
 
 import learner
 from learner.inference.understanding import understand
+from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration
 from learner.parameters import Parameters
@@ -107,6 +108,11 @@ def test_other_radii_make_other_actions_and_leave_the_first_ones_as_they_are(boa
     assert [second.placements[other] for other in others] == [before[other] for other in others]
 
 
+@pytest.fixture(scope="module")
+def usual(board: list[Demonstration]) -> Learned:
+    return learn(board, PARAMETERS, rehearsed=True)
+
+
 @pytest.mark.parametrize(
     ("group", "changed"),
     [
@@ -118,13 +124,10 @@ def test_other_radii_make_other_actions_and_leave_the_first_ones_as_they_are(boa
     ],
 )
 def test_a_number_of_the_rehearsal_that_is_handed_in_changes_what_it_finds(
-    board: list[Demonstration], group: str, changed: dict[str, Any]
+    board: list[Demonstration], usual: Learned, group: str, changed: dict[str, Any]
 ) -> None:
     rehearsal = replace(PARAMETERS.rehearsal, **{group: replace(getattr(PARAMETERS.rehearsal, group), **changed)})
-    usual, other = (
-        learn(board, parameters, rehearsed=True)
-        for parameters in (PARAMETERS, replace(PARAMETERS, rehearsal=rehearsal))
-    )
+    other = learn(board, replace(PARAMETERS, rehearsal=rehearsal), rehearsed=True)
     told = ("rehearsal", "replay")
     assert [usual.report[what] for what in told] != [other.report[what] for what in told]
     assert other.parameters.to_data()["rehearsal"][group] != usual.parameters.to_data()["rehearsal"][group]

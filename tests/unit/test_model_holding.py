@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from learner.model.holding import NEAR_M, SLIP_M, SLIP_NS, grasped, inside
+from learner.model.holding import NEAR_M, SLIP_M, SLIP_NS, grasped, inside, reaches
 from learner.model.pose import IDENTITY_XYZW, Pose, Quaternion, Vector, rotated
 
 DOWN: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -50,7 +50,10 @@ def test_what_lies_in_a_bin_is_held_and_not_the_bin(y: float, above_m: float) ->
 def test_how_the_base_lies_changes_nothing_of_what_is_held(x: float, y: float, z: float) -> None:
     base = Pose((0.4, -0.1, 0.2), (0.0, 0.0, 0.6, 0.8))
     objects, sizes = {"A": (0.02, 0.0, 0.0), "B": (0.12, 0.1, 0.0)}, {"A": CUBE, "B": (0.2, 0.04, 0.06)}
-    here = held(at(x, y, z), {name: (point, IDENTITY_XYZW) for name, point in objects.items()}, sizes)
+    seen = {name: (point, IDENTITY_XYZW) for name, point in objects.items()}
+    first, second = (grasp.reach_m for grasp in reaches(at(x, y, z), seen, sizes))
+    assume(min(abs(first - NEAR_M), abs(first - second)) > 1e-9)  # where rounding alone decides, either is right
+    here = held(at(x, y, z), seen, sizes)
     moved = {name: (base.apply(point), base.quaternion_xyzw) for name, point in objects.items()}
     assert held((base.apply((x, y, z)), base.quaternion_xyzw), moved, sizes) == here
 
