@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from learner.model import Tree
+from learner.model.doubt import Doubt
 from learner.parameters import Parameters
 
 if TYPE_CHECKING:  # the draft is only named here
@@ -23,5 +24,7 @@ class Learned:
     """The numbers by which it was learned."""
     certificate: dict[str, Any] | None = None
     """What was proven of the tree: see learner.proof.prover.Certificate."""
+    doubts: tuple[Doubt, ...] = ()
+    """What the demonstrations have in common and the tree does not reproduce."""
     draft: Draft | None = field(default=None, repr=False, compare=False)
     """Where the method can make the tree again with repairs: from what."""

@@ -4,29 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
 
 from learner.model import Demonstration
+from learner.model.doubt import Doubt
 from learner.observation.believing import unbelievable
 from learner.observation.presses import UNPLANNED
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """Something in demonstrations, named by their ids, that the tree does not reproduce or a cell cannot do.
-
-    `what` is its kind: 'held' (no cell could believe the pick) or 'signal' (learning does not plan with it).
-    """
-
-    demonstrations: tuple[str, ...]
-    object: str | None
-    what: str
-    sentence: str
-
-    def to_data(self) -> dict[str, Any]:
-        """The JSON of CONTRACT, section 3."""
-        return asdict(self) | {"demonstrations": list(self.demonstrations)}
 
 
 def doubts_of(demonstrations: Iterable[Demonstration]) -> tuple[Doubt, ...]:

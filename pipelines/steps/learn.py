@@ -14,8 +14,9 @@ import learner
 from learner.learned import Learned
 from learner.learning import DEFAULT_METHOD, learn
 from learner.model import Demonstration, check_name
+from learner.model.doubt import Doubt
 from learner.observation import warnings_of
-from learner.observation.doubts import Doubt, doubts_of
+from learner.observation.doubts import doubts_of
 from learner.parameters import Parameters
 from learner.planning.actions import scene_of
 from pipelines.console import silent_standard_error
@@ -116,7 +117,7 @@ def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str)
         nodes_recovery=learned.tree.nodes_recovery,
         aliases=tuple(names),
         notes=notes_of(choice, learned),
-        doubts=doubts_about(choice),
+        doubts=doubts_about(choice, learned),
         new=published.new,
     )
 
@@ -147,13 +148,13 @@ def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]
         "certificate": learned.certificate,
         "report": learned.report,
         "notes": list(notes_of(choice, learned)),
-        "doubts": [doubt.to_data() for doubt in doubts_about(choice)],
+        "doubts": [doubt.to_data() for doubt in doubts_about(choice, learned)],
     }
 
 
-def doubts_about(choice: Choice) -> tuple[Doubt, ...]:
+def doubts_about(choice: Choice, learned: Learned) -> tuple[Doubt, ...]:
     """What the demonstrations leave in doubt about the tree (CONTRACT, section 3)."""
-    return doubts_of(_ordered(choice.demonstrations))
+    return (*learned.doubts, *doubts_of(_ordered(choice.demonstrations)))
 
 
 def notes_of(choice: Choice, learned: Learned) -> tuple[str, ...]:
