@@ -6,6 +6,7 @@ where a demonstration repeats a target (`learner.inference.contexts`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,7 @@ import numpy as np
 from learner.inference.clustering import Cluster, clusters_in_frame
 from learner.inference.contexts import by_time
 from learner.inference.dbscan import dbscan
-from learner.inference.frames import dropped, intended
+from learner.inference.frames import belong_together, dropped, intended
 from learner.inference.moves import Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target, in_frame, target_of
@@ -56,30 +57,54 @@ class Enough:
 
 def _of_object(numbers: Rows, moves: Moves, enough: Enough, parameters: InferenceParameters) -> list[Target]:
     """The targets of one object: of clusters in a narrow neighbourhood, which tells neighbouring placements apart, then
-    in a wide one; for drops in the wide one alone.
+    in a wide one; of drops in the wide one, then in one as wide as they may lie apart.
     """
     p = parameters
     wide_only = dropped(moves.releases(numbers), p)
     left, found = numbers, list[Target]()
-    for eps_m in (p.eps_wide_m,) if wide_only else (p.eps_place_m, p.eps_wide_m):
+    for eps_m in (p.eps_wide_m, p.eps_drop_m) if wide_only else (p.eps_place_m, p.eps_wide_m):
         while cluster := _best(left, eps_m, moves, enough, p):
-            targets = _contexts(cluster, moves, enough, p)
+            targets = _contexts(cluster, moves, enough, len(left), p)
             found += targets
             left = np.setdiff1d(left, [*cluster.members, *(number for target in targets for number in target.members)])
-    return _in_order(found, moves)
+    return _in_order(_joined(found, moves, p), moves)
+
+
+def _joined(targets: Sequence[Target], moves: Moves, parameters: InferenceParameters) -> list[Target]:
+    """The targets, those that are one by the evidence joined: what scatters widely may look like several clusters."""
+    found: list[Target] = []
+    for target in targets:
+        same = next((other for other in found if _are_one(other, target, moves, parameters)), None)
+        whole = target_of(sorted((*same.members, *target.members)), moves, parameters) if same else None
+        if same and whole:
+            found[found.index(same)] = whole
+        else:
+            found.append(target)
+    return found
+
+
+def _are_one(one: Target, other: Target, moves: Moves, parameters: InferenceParameters) -> bool:
+    """Whether no demonstration reaches both, and the evidence speaks for one place."""
+    shown = moves.demonstration
+    both = np.intersect1d(shown[list(one.members)], shown[list(other.members)])
+    alike = (one.frame, one.type) == (other.frame, other.type)
+    return alike and not len(both) and belong_together(one.members, other.members, one.frame, moves, parameters)
 
 
 def _pairs(numbers: Rows, moves: Moves, parameters: InferenceParameters) -> list[Target]:
     """Targets of an object that fewer demonstrations share than make a cluster, though too near for chance.
 
-    Only where there are enough demonstrations to tell, and most of them move the object: it belongs to the task.
+    Only where there are enough demonstrations to tell, and most of them move the object: it belongs to the task. Of
+    many placements two are near by chance: what is not sure is left out.
     """
     everyone, count = len(moves.samples.demonstrations), len(np.unique(moves.demonstration[numbers]))
     if everyone < parameters.min_samples or 2 * count <= everyone:
         return []
-    left, found, two, eps_m = numbers, list[Target](), Enough(2, 1), parameters.eps_pair_m
+    least = max(2, math.ceil(parameters.min_share * everyone))
+    left, found, two, eps_m = numbers, list[Target](), Enough(least, 1), parameters.eps_pair_m
     while cluster := _best(left, eps_m, moves, two, parameters):
-        found += _contexts(cluster, moves, two, parameters)
+        targets = _contexts(cluster, moves, two, len(left), parameters)
+        found += [target for target in targets if target.certainty >= parameters.sure]
         left = np.setdiff1d(left, cluster.members)
     return _in_order(found, moves)
 
@@ -113,14 +138,19 @@ def _with_strays(
     return replace(cluster, strays=tuple(strays[away < reach_m].tolist()))
 
 
-def _contexts(cluster: Cluster, moves: Moves, enough: Enough, parameters: InferenceParameters) -> list[Target]:
-    """The targets in one cluster: several where demonstrations repeat it, told apart by which time it is."""
+def _contexts(
+    cluster: Cluster, moves: Moves, enough: Enough, among: int, parameters: InferenceParameters
+) -> list[Target]:
+    """The targets in one cluster, which was found `among` so many moves: several where demonstrations repeat it, told
+    apart by which time it is.
+    """
 
     def shared(members: Sequence[int]) -> bool:
         return enough.share(members, moves)
 
     kept = [members for members in by_time((*cluster.members, *cluster.strays), moves, shared) if shared(members)]
-    found = (target_of(members, moves, parameters, context) for context, members in enumerate(kept))
+    among -= sum(map(len, kept)) - max(map(len, kept), default=0)  # what the other times take is not left to chance
+    found = (target_of(members, moves, parameters, context, among) for context, members in enumerate(kept))
     return [target for target in found if target]
 
 

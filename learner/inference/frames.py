@@ -5,11 +5,16 @@ directly. In the true frame positions scatter normally about an unknown mean wit
 beforehand); the marginal density of n positions with sum of squares S is then proportional to
 (b + S/2)^-(a + 3(n - 1)/2), and Bayes' rule gives the posterior. Where several frames scatter alike, none is certain.
 What is near is likelier beforehand, and a frame in which the object does not stay is none.
+
+The frames have a rival, NO_FRAME: the object goes anywhere on the table, at a height that scatters as in a frame. So
+many demonstrations of what no frame explains make the learner surer that none does.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -17,26 +22,39 @@ from learner.inference.moves import Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Samples
 from learner.inference.support import scene_of_first, support_of
+from learner.model.names import NONE
 from learner.model.pose import Array, express
 from learner.model.poses import Mask, Poses, Rows
 
+NO_FRAME: Final = NONE
+"""Stands for no frame at all; no object may be called so."""
 
-def frames_of(members: Sequence[int], moves: Moves, parameters: InferenceParameters) -> dict[str, float]:
-    """The posterior probability of every frame that all these moves know and keep their place in, likeliest first.
 
-    Empty if the evidence speaks for a frame in which the object does not stay: a placement that does not last.
+def frames_of(
+    members: Sequence[int], moves: Moves, parameters: InferenceParameters, among: int | None = None
+) -> dict[str, float]:
+    """The posterior probability of every frame that all these moves know and keep their place in, likeliest first, and
+    of NO_FRAME.
+
+    The moves were chosen `among` so many for lying together (None: these are all); the more ways there are to choose
+    as many, the likelier it is that some lie together by chance.
+    Empty if the evidence speaks for no frame, or for one in which the object does not stay: a placement that does not
+    last.
     """
     samples = moves.releases(members)
     sigma_m = parameters.drop_sigma_m if dropped(samples, parameters) else parameters.place_sigma_m
     upon = support_of(samples, parameters)
-    logs, odds = {}, {}
+    logs = {NO_FRAME: _log_density_anywhere(samples, sigma_m, parameters)}
+    odds = {NO_FRAME: parameters.no_frame_odds * math.comb(max(among or 0, len(samples)), len(samples))}
     for frame in samples.common_frames:
         logs[frame] = log_density(intended(frame, samples, parameters), sigma_m, parameters.sigma_shape)
         odds[frame] = _odds(frame, samples, upon[0] if upon else None, parameters)
     shares = posterior(logs, odds)
-    lasting = {frame: share for frame, share in shares.items() if _lasts(frame, samples, parameters.lost_m)}
+    lasting = {f: share for f, share in shares.items() if f == NO_FRAME or _lasts(f, samples, parameters.lost_m)}
     total = sum(lasting.values())
-    return {frame: share / total for frame, share in lasting.items()} if total > parameters.transient else {}
+    if next(iter(lasting)) == NO_FRAME or total - lasting[NO_FRAME] <= parameters.transient:
+        return {}
+    return {frame: share / total for frame, share in lasting.items()}
 
 
 def dropped(samples: Samples, parameters: InferenceParameters) -> bool:
@@ -52,19 +70,53 @@ def intended(frame: str, samples: Samples, parameters: InferenceParameters) -> A
 
 
 def log_density(points: Array, sigma_m: float, shape: float) -> float:
-    """The logarithm of the marginal density of `points` (n, 3) in a frame, up to a constant that depends on n alone.
+    """The logarithm of the marginal density of `points` (n, d) in a frame, but for that of the unknown mean.
 
     `sigma_m` is the scatter [m] expected per axis, `shape` how firmly.
     """
+    count, axes = points.shape
+    freedom = axes * (count - 1) / 2
     sum_of_squares = float(((points - points.mean(axis=0)) ** 2).sum())
-    exponent = shape + 3 * (len(points) - 1) / 2
-    return -exponent * float(np.log(shape * sigma_m**2 + sum_of_squares / 2))
+    scale = shape * sigma_m**2
+    gammas = math.lgamma(shape + freedom) - math.lgamma(shape)
+    constant = gammas + shape * math.log(scale) - freedom * math.log(2 * math.pi) - axes / 2 * math.log(count)
+    return float(constant - (shape + freedom) * math.log(scale + sum_of_squares / 2))
+
+
+def _log_density_anywhere(samples: Samples, sigma_m: float, parameters: InferenceParameters) -> float:
+    """The same for what lies anywhere on the table, the first of the points given, and at a height that scatters."""
+    heights = intended(samples.base, samples, parameters)[:, 2:]
+    anywhere = (len(samples) - 1) * math.log(_table_m2(samples, parameters))
+    return log_density(heights, sigma_m, parameters.sigma_shape) - anywhere
+
+
+def _table_m2(samples: Samples, parameters: InferenceParameters) -> float:
+    """The area [m²] on which objects may lie."""
+    scene = scene_of_first(samples)
+    if scene is None or scene.workspace_m is None:
+        return parameters.table_m2
+    return math.prod(high - low for low, high in scene.workspace_m)
+
+
+def belong_together(
+    some: Sequence[int], others: Sequence[int], frame: str, moves: Moves, parameters: InferenceParameters
+) -> bool:
+    """Whether the evidence speaks for one place of all these moves in a frame, rather than for two.
+
+    Two places have a mean each, which may be anywhere on the table, and each move is meant for either.
+    """
+    samples = moves.releases([*some, *others])
+    sigma_m = parameters.drop_sigma_m if dropped(samples, parameters) else parameters.place_sigma_m
+    points, shape = intended(frame, samples, parameters), parameters.sigma_shape
+    apart = (log_density(part, sigma_m, shape) for part in (points[: len(some)], points[len(some) :]))
+    choice = len(points) * math.log(2) + math.log(_table_m2(samples, parameters))
+    return log_density(points, sigma_m, shape) > sum(apart) - choice
 
 
 def posterior(log_densities: Mapping[str, float], odds: Mapping[str, float]) -> dict[str, float]:
     """The posterior probability of each frame, the likeliest first; ties by name. `odds` are those beforehand."""
     names = sorted(log_densities)
-    logs = np.array([log_densities[name] + np.log(odds[name]) for name in names])
+    logs = np.array([log_densities[name] + math.log(odds[name]) for name in names])
     weights = np.exp(logs - logs.max())
     shares = weights / weights.sum()
     order = sorted(range(len(names)), key=lambda index: (-shares[index], names[index]))

@@ -55,8 +55,8 @@ def label_check(samples: Samples, spread_m: float, on_top: bool, parameters: Inf
 
     `spread_m` is the greatest distance of a rest to their mean; `on_top` tells that the object rests upon another
     one, where a drop's cylinder cannot tell on from beside. So: what rests tightly on another was placed; what fell
-    from above the drop height, or lies further apart than a placement may, was dropped; what was set down low and
-    tightly was placed. In between, and where no rest was seen, the operator is right; a person who relabelled is.
+    from above the drop height was dropped; what was set down low and tightly was placed. In between, and where no rest
+    was seen, the operator is right; a person who relabelled is.
     """
     by_person = samples.type[samples.relabelled]
     chosen = _majority(by_person if len(by_person) else samples.type)
@@ -70,7 +70,7 @@ def label_check(samples: Samples, spread_m: float, on_top: bool, parameters: Inf
     tight = len(samples) >= parameters.min_samples and spread_m < parameters.tight_m
     if tight and on_top:
         return LabelCheck("place", chosen, f"{evidence}, upon another object")
-    if fall > parameters.drop_height_m or spread_m > parameters.place_radius_m:
+    if fall > parameters.drop_height_m:
         return LabelCheck("drop", chosen, evidence)
     return LabelCheck("place" if tight else chosen, chosen, evidence)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from learner.model.condition import PLACE_RADIUS_M
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,8 @@ class InferenceParameters:
     """Neighbourhood of placements: ten times the hand's noise of 3 mm, below the 5 cm between two stacked cubes."""
     eps_wide_m: float = 0.08
     """Neighbourhood where the narrow one finds nothing, and of what was dropped (the paper's)."""
+    eps_drop_m: float = 2 * DROP_RADIUS_M
+    """Neighbourhood of drops of which the wide one finds nothing: so far apart may two lie that are both well done."""
     eps_pair_m: float = 0.015
     """Two placements this near are no chance where an object has no cluster at all."""
     min_samples: int = 3
@@ -36,6 +38,10 @@ class InferenceParameters:
     """By so much a frame in contact is likelier beforehand than the base; the base than a frame further away."""
     upon_odds: float = 10.0
     """By so much the object that something rests upon is likelier: without it the place would be in the air."""
+    no_frame_odds: float = 0.1
+    """By so much likelier than the base it is beforehand that no frame tells a place: people mean something."""
+    table_m2: float = 0.5
+    """Where no scene tells the workspace, objects without a frame lie anywhere on so large a table [m²]."""
     sure: float = 0.95
     """Below this posterior probability of a frame the learner asks for a demonstration."""
     transient: float = 0.05

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from learner.inference.frames import NO_FRAME
 from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target
 from learner.model import Demonstration
@@ -28,20 +29,23 @@ def _question(target: Target, base: str) -> dict[str, Any]:
     rival = target.rival()
     show = _contrast(target.frame, str(rival), base)
     action = f"{target.type} {target.object}"
+    other = "it lies so by chance" if rival == NO_FRAME else str(rival)
     return {
         "action": action,
         "frame": target.frame,
         "rival": rival,
         "certainty": round(target.certainty, 4),
         "show": show,
-        "sentence": f"{action}: the frame may be {target.frame} ({100 * target.certainty:.0f} %) or {rival}; "
+        "sentence": f"{action}: the frame may be {target.frame} ({100 * target.certainty:.0f} %) or {other}; "
         f"to decide it, {show} and demonstrate once more",
     }  # fmt: skip
 
 
 def _contrast(frame: str, rival: str, base: str) -> str:
-    if rival == base:
+    if rival == base or (rival == NO_FRAME and frame != base):
         return f"move {frame} to another place"
+    if rival == NO_FRAME:
+        return "move every object to another place"
     if frame == base:
         return f"move {rival} to another place"
     return f"move {rival}, leave {frame}"

@@ -64,9 +64,14 @@ class Target:
         return next((frame for frame in self.frames if frame != self.frame and frame not in self.tied), None)
 
 
-def target_of(members: Sequence[int], moves: Moves, parameters: InferenceParameters, context: int = 0) -> Target | None:
-    """The target of these moves, in the frame that the evidence speaks for; None if it does not last."""
-    frames = frames_of(members, moves, parameters)
+def target_of(
+    members: Sequence[int], moves: Moves, parameters: InferenceParameters, context: int = 0, among: int | None = None
+) -> Target | None:
+    """The target of these moves, chosen `among` so many, in the frame that the evidence speaks for.
+
+    None if it speaks for no frame, or the placement does not last.
+    """
+    frames = frames_of(members, moves, parameters, among)
     return _in_frame(next(iter(frames)), members, moves, parameters, frames, context) if frames else None
 
 

@@ -50,7 +50,7 @@ def goals(found: Understanding) -> list[tuple[tuple[int, ...], set[tuple[str, st
         ("place", 0.0, 0.003, False, "place"),
         ("drop", 0.0, 0.003, False, "place"),
         ("place", 0.08, 0.003, False, "drop"),
-        ("place", 0.02, 0.06, False, "drop"),
+        ("place", 0.02, 0.06, False, "place"),
         ("drop", 0.08, 0.003, True, "place"),
         ("drop", 0.02, 0.03, False, "drop"),
     ],
