@@ -9,6 +9,7 @@ from learner.inference.parameters import InferenceParameters
 from learner.paper.parameters import PaperParameters
 from learner.planning.parameters import PlanningParameters
 from learner.proof.parameters import ProofParameters
+from learner.regularities.parameters import RegularityParameters
 from learner.rehearsal.parameters import RehearsalParameters
 
 
@@ -19,6 +20,7 @@ class Parameters:
     paper: PaperParameters = field(default_factory=PaperParameters)
     inference: InferenceParameters = field(default_factory=InferenceParameters)
     planning: PlanningParameters = field(default_factory=PlanningParameters)
+    regularities: RegularityParameters = field(default_factory=RegularityParameters)
     proof: ProofParameters = field(default_factory=ProofParameters)
     rehearsal: RehearsalParameters = field(default_factory=RehearsalParameters)
 

@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from learner.inference.moves import Moves
 from learner.inference.questions import questions
 from learner.inference.understanding import Understanding, understand
 from learner.inference.users import agreement, understood_without
 from learner.learned import Learned
 from learner.model import Demonstration
+from learner.model.doubt import Doubt
 from learner.parameters import Parameters
 from learner.planning.draft import Draft
+from learner.regularities.doubting import doubts_about
 
 _REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
 
@@ -24,29 +27,41 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
     """The tree of our method, with what is not known. Raises NothingLearnedError if nothing was moved."""
     understood = understand(demonstrations, parameters.inference)
     draft = Draft(understood, parameters.planning, understood_without(understood))
-    asked = questions(demonstrations, understood.targets, parameters.inference)
+    asked = questions(demonstrations, understood.targets, parameters.inference, understood.groups)
     users = agreement(understood, draft.without)
-    report, notes = _report(understood, asked, users), _notes(understood, asked, users)
-    return Learned(draft.tree(), report, notes, parameters, draft=draft)
+    doubts = doubts_about(understood, parameters.planning.means, parameters.regularities)
+    report, notes = _report(understood, asked, users), _notes(understood, doubts, asked, users)
+    return Learned(draft.tree(), report, notes, parameters, doubts=doubts, draft=draft)
 
 
 def _notes(
-    understood: Understanding, asked: Sequence[Mapping[str, Any]], users: Sequence[Mapping[str, Any]]
-) -> tuple[str, ...]:
-    """Sentences for a person: what was left out, corrected, disagreed on, and what to show next."""
+    understood: Understanding, doubts: Sequence[Doubt], asked: Sequence[Mapping[str, Any]],
+    users: Sequence[Mapping[str, Any]],
+) -> tuple[str, ...]:  # fmt: skip
+    """Sentences for a person: what was left out, corrected, disagreed on, and what to show next.
+
+    What a doubt tells of many demonstrations is not said of each of them again.
+    """
+    told = {(identifier, doubt.object) for doubt in doubts for identifier in doubt.demonstrations}
+    left_out, moves = understood.left_out, understood.moves
     corrected = (
         f"{t.object} at {t.frame}: {t.label.evidence}; {t.label.chosen} was corrected to {t.type}"
         for t in understood.targets
         if t.label.corrected
     )
     return (
-        *understood.notes,
-        *(_strange(understood, number) for number in understood.strange),
+        *(left_out.sentence(n) for n in range(len(left_out.moves)) if _key(left_out.moves, n) not in told),
+        *(_strange(understood, number) for number in understood.strange if _key(moves, number) not in told),
         *(note for group in understood.groups for note in group.notes),
         *corrected,
         *(user["sentence"] for user in users if user["sentence"]),
         *(question["sentence"] for question in asked),
     )
+
+
+def _key(moves: Moves, number: int) -> tuple[str, str]:
+    """The demonstration and the object of a move."""
+    return moves.name(number), str(moves.object[number])
 
 
 def _strange(understood: Understanding, number: int) -> str:

@@ -15,8 +15,8 @@ import numpy as np
 from learner.inference.clustering import Cluster, clusters_in_frame
 from learner.inference.contexts import by_time
 from learner.inference.dbscan import dbscan
-from learner.inference.frames import belong_together, dropped, intended
-from learner.inference.moves import Moves
+from learner.inference.frames import belong_together, dropped, intended, richer_frames
+from learner.inference.moves import LeftOut, Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target, in_frame, target_of
 from learner.inference.ties import Anchors, anchors_of, tied_frames
@@ -26,10 +26,7 @@ from learner.model.poses import Rows
 
 def find_targets(moves: Moves, parameters: InferenceParameters) -> list[Target]:
     """Every supported target of all moves of a task, ordered by object and by when it is reached."""
-    demonstrations = moves.samples.demonstrations
-    enough = Enough(
-        parameters.samples_for(len(demonstrations)), parameters.users_for(len(np.unique(moves.samples.users)))
-    )
+    enough = enough_of(moves, parameters)
     found: list[Target] = []
     for name in np.unique(moves.object[moves.released]):
         numbers = np.flatnonzero(moves.released & (moves.object == name))
@@ -38,12 +35,30 @@ def find_targets(moves: Moves, parameters: InferenceParameters) -> list[Target]:
     return [_with_ties(target, anchors, moves, parameters) for target in found]
 
 
+def find_passed(left_out: LeftOut, parameters: InferenceParameters) -> list[Target]:
+    """Where enough demonstrations bring an object that their next move takes further; members are moves left out."""
+    moves, corrected = left_out.moves, left_out.corrected
+    enough, names = enough_of(moves, parameters), moves.object[corrected]
+    return [t for name in np.unique(names) for t in _of_object(corrected[names == name], moves, enough, parameters)]
+
+
+def enough_of(moves: Moves, parameters: InferenceParameters) -> Enough:
+    """How many of all demonstrations, and users, must share a cluster."""
+    samples = moves.samples
+    users = parameters.users_for(len(np.unique(samples.users)))
+    return Enough(parameters.samples_for(len(samples.demonstrations)), users)
+
+
 @dataclass(frozen=True)
 class Enough:
-    """How many demonstrations, and users, must share a cluster."""
+    """What makes a target: how many demonstrations, and users, must share a cluster; the `richer` frames that are
+    candidates beside those of all objects; and whether it must be `lasting`.
+    """
 
     samples: int
     users: int
+    richer: tuple[str, ...] = ()
+    lasting: bool = True
 
     def share(self, numbers: Sequence[int], moves: Moves) -> bool:
         """Whether enough share these moves, and most of them did not merely put the object back."""
@@ -53,6 +68,24 @@ class Enough:
         demonstrations = np.unique(moves.demonstration[members])
         users = np.unique(moves.samples.users[demonstrations])
         return len(users) >= self.users and len(demonstrations) >= self.samples
+
+
+def find_richer(numbers: Rows, moves: Moves, parameters: InferenceParameters) -> list[Target]:
+    """The targets of one object's moves `numbers` that no object's own frame explains, in frames that are more."""
+    richer = tuple(richer_frames(moves.releases(numbers)))
+    return [target for target in _found(numbers, moves, parameters, richer) if target.frame in richer]
+
+
+def find_fleeting(numbers: Rows, moves: Moves, parameters: InferenceParameters) -> list[Target]:
+    """The places to which one object's moves `numbers` bring it though it does not stay there."""
+    return _found(numbers, moves, parameters, lasting=False)
+
+
+def _found(
+    numbers: Rows, moves: Moves, parameters: InferenceParameters, richer: Sequence[str] = (), lasting: bool = True
+) -> list[Target]:
+    enough = replace(enough_of(moves, parameters), richer=tuple(richer), lasting=lasting)
+    return _of_object(numbers, moves, enough, parameters) if len(numbers) else []
 
 
 def _of_object(numbers: Rows, moves: Moves, enough: Enough, parameters: InferenceParameters) -> list[Target]:
@@ -119,7 +152,7 @@ def _best(numbers: Rows, eps_m: float, moves: Moves, enough: Enough, parameters:
     """The cluster with the highest score among those that enough users and demonstrations share, with its strays."""
     samples, floor_m = moves.releases(numbers), parameters.noise_floor_m
     best: tuple[Cluster, Rows, Array] | None = None
-    for frame in samples.frames if len(samples) else ():
+    for frame in (*samples.frames, *enough.richer) if len(samples) else ():
         known = np.flatnonzero(samples.candidate(frame))
         points = intended(frame, samples, parameters)[known]
         labels = dbscan(points, eps_m, enough.samples)
@@ -150,7 +183,10 @@ def _contexts(
 
     kept = [members for members in by_time((*cluster.members, *cluster.strays), moves, shared) if shared(members)]
     among -= sum(map(len, kept)) - max(map(len, kept), default=0)  # what the other times take is not left to chance
-    found = (target_of(members, moves, parameters, context, among) for context, members in enumerate(kept))
+    found = (
+        target_of(members, moves, parameters, context, among, enough.richer, enough.lasting)
+        for context, members in enumerate(kept)
+    )
     return [target for target in found if target]
 
 

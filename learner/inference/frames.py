@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from learner.inference.moves import Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Samples
 from learner.inference.support import scene_of_first, support_of
+from learner.model.frame import at_start, between, on_axes
 from learner.model.names import NONE
 from learner.model.pose import Array, express
 from learner.model.poses import Mask, Poses, Rows
@@ -31,30 +33,46 @@ NO_FRAME: Final = NONE
 
 
 def frames_of(
-    members: Sequence[int], moves: Moves, parameters: InferenceParameters, among: int | None = None
-) -> dict[str, float]:
+    members: Sequence[int], moves: Moves, parameters: InferenceParameters, among: int | None = None,
+    richer: Sequence[str] = (), lasting: bool = True,
+) -> dict[str, float]:  # fmt: skip
     """The posterior probability of every frame that all these moves know and keep their place in, likeliest first, and
     of NO_FRAME.
 
     The moves were chosen `among` so many for lying together (None: these are all); the more ways there are to choose
-    as many, the likelier it is that some lie together by chance.
-    Empty if the evidence speaks for no frame, or for one in which the object does not stay: a placement that does not
-    last.
+    as many, the likelier it is that some lie together by chance. `richer` frames (`richer_frames`) are as likely
+    beforehand, all together, as the base.
+    Empty if the evidence speaks for no frame, or, if `lasting`, for one in which the object does not stay: a placement
+    that does not last.
     """
     samples = moves.releases(members)
     sigma_m = parameters.drop_sigma_m if dropped(samples, parameters) else parameters.place_sigma_m
     upon = support_of(samples, parameters)
-    logs = {NO_FRAME: _log_density_anywhere(samples, sigma_m, parameters)}
+    carrier = upon[0] if upon else None
+    logs = {NO_FRAME: log_density_anywhere(samples, sigma_m, parameters)}
     odds = {NO_FRAME: parameters.no_frame_odds * math.comb(max(among or 0, len(samples)), len(samples))}
-    for frame in samples.common_frames:
+    for frame in (*samples.common_frames, *richer):
         logs[frame] = log_density(intended(frame, samples, parameters), sigma_m, parameters.sigma_shape)
-        odds[frame] = _odds(frame, samples, upon[0] if upon else None, parameters)
+        odds[frame] = 1 / len(richer) if frame in richer else _odds(frame, samples, carrier, parameters)
     shares = posterior(logs, odds)
-    lasting = {f: share for f, share in shares.items() if f == NO_FRAME or _lasts(f, samples, parameters.lost_m)}
-    total = sum(lasting.values())
-    if next(iter(lasting)) == NO_FRAME or total - lasting[NO_FRAME] <= parameters.transient:
+    if lasting:
+        kept = {frame for frame in shares if frame == NO_FRAME or _lasts(frame, samples, parameters.lost_m)}
+        shares = {frame: share for frame, share in shares.items() if frame in kept}
+    total = sum(shares.values())
+    if next(iter(shares)) == NO_FRAME or total - shares[NO_FRAME] <= parameters.transient:
         return {}
-    return {frame: share / total for frame, share in lasting.items()}
+    return {frame: share / total for frame, share in shares.items()}
+
+
+def richer_frames(samples: Samples) -> list[str]:
+    """The frames that are candidates for all samples and go by more than one object, by the base's axes, or by where an
+    object stood at the beginning (`learner.model.frame`).
+    """
+    names = [frame for frame in samples.common_frames if frame != samples.base]
+    pairs = [between(one, other) for one, other in combinations(names, 2)]
+    starts = [at_start(name) for name in sorted({*names, str(samples.object[0])})]
+    found = (*pairs, *map(on_axes, names), *starts)
+    return [frame for frame in found if samples.candidate(frame).all()]
 
 
 def dropped(samples: Samples, parameters: InferenceParameters) -> bool:
@@ -83,14 +101,14 @@ def log_density(points: Array, sigma_m: float, shape: float) -> float:
     return float(constant - (shape + freedom) * math.log(scale + sum_of_squares / 2))
 
 
-def _log_density_anywhere(samples: Samples, sigma_m: float, parameters: InferenceParameters) -> float:
+def log_density_anywhere(samples: Samples, sigma_m: float, parameters: InferenceParameters) -> float:
     """The same for what lies anywhere on the table, the first of the points given, and at a height that scatters."""
     heights = intended(samples.base, samples, parameters)[:, 2:]
-    anywhere = (len(samples) - 1) * math.log(_table_m2(samples, parameters))
+    anywhere = (len(samples) - 1) * math.log(table_m2(samples, parameters))
     return log_density(heights, sigma_m, parameters.sigma_shape) - anywhere
 
 
-def _table_m2(samples: Samples, parameters: InferenceParameters) -> float:
+def table_m2(samples: Samples, parameters: InferenceParameters) -> float:
     """The area [m²] on which objects may lie."""
     scene = scene_of_first(samples)
     if scene is None or scene.workspace_m is None:
@@ -109,7 +127,7 @@ def belong_together(
     sigma_m = parameters.drop_sigma_m if dropped(samples, parameters) else parameters.place_sigma_m
     points, shape = intended(frame, samples, parameters), parameters.sigma_shape
     apart = (log_density(part, sigma_m, shape) for part in (points[: len(some)], points[len(some) :]))
-    choice = len(points) * math.log(2) + math.log(_table_m2(samples, parameters))
+    choice = len(points) * math.log(2) + math.log(table_m2(samples, parameters))
     return log_density(points, sigma_m, shape) > sum(apart) - choice
 
 

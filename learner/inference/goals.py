@@ -35,12 +35,16 @@ class Subgoal:
 
 @dataclass(frozen=True)
 class Group:
-    """Demonstrations with one goal: the subgoals in order, and what the gripper holds at the end (None: nothing)."""
+    """Demonstrations with one goal: the subgoals in order, and what the gripper holds at the end (None: nothing).
+
+    `idle` are targets that most of them reach only on the way, and that guard nothing.
+    """
 
     demonstrations: tuple[int, ...]
     subgoals: tuple[Subgoal, ...]
     held: str | None = None
     notes: tuple[str, ...] = field(default=())
+    idle: tuple[Target, ...] = ()
 
     @property
     def goal(self) -> Goal:
@@ -166,11 +170,11 @@ def _group(
     shown = chains.select(members)
     usual = [target for target, count in shown.counts().items() if target not in goal and 2 * count > len(members)]
     subgoals, idle = subgoals_of(ordered([*goal, *usual], shown))
-    notes = [f"placing {t.object} in {t.frame} only on the way is of no effect and left out" for t in idle]
+    notes = []
     for number, names in zip(members, missing, strict=True):
         if names:
             name = samples.demonstrations[number].demonstration_id
             notes.append(f"demonstration {name} did not place {', '.join(names)}; the goal of the others stands")
     kept = Counter(held[members][held[members] != ""].tolist()).most_common(1)
     in_hand = kept[0][0] if kept and 2 * kept[0][1] > len(members) else None
-    return Group(tuple(members.tolist()), subgoals, in_hand, tuple(notes))
+    return Group(tuple(members.tolist()), subgoals, in_hand, tuple(notes), tuple(idle))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from learner.model.poses import Mask, Rows
 
 NONE = -1
 """Stands for the release of a move that ends the demonstration with its pick."""
+MOVED_AGAIN: Final = "was moved again at once; the last counts"
+PUT_BACK: Final = "was put back; not part of the task"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,11 @@ class Moves:
         """Which (m,) have a release."""
         return np.asarray(self.release != NONE)
 
+    def select(self, which: Rows | Sequence[int]) -> Moves:
+        """Some of the moves, of the same samples."""
+        rows = np.asarray(which, dtype=np.intp)
+        return Moves(self.samples, self.pick[rows], self.release[rows], self.put_back[rows])
+
     def picks(self, which: Rows | Mask) -> Samples:
         """The picks of some moves."""
         return self.samples[self.pick[which]]
@@ -67,8 +75,27 @@ class Moves:
         return int(self.samples.step[row])
 
 
-def moves_of(samples: Samples, parameters: InferenceParameters) -> tuple[Moves, list[str]]:
-    """The moves of all actions of some demonstrations, and a note on each that was left out.
+@dataclass(frozen=True)
+class LeftOut:
+    """Moves that do not count, by demonstration and in order, each for a reason: a sentence's end."""
+
+    moves: Moves
+    reasons: tuple[str, ...]
+
+    @property
+    def corrected(self) -> Rows:
+        """The numbers of those that the next move of the same demonstration took further."""
+        return np.flatnonzero(np.array(self.reasons, dtype=np.str_) == MOVED_AGAIN)
+
+    def sentence(self, number: int) -> str:
+        """A note on one of them."""
+        moves = self.moves
+        where = f"demonstration {moves.name(number)}, action {moves.samples.step[moves.pick[number]]}"
+        return f"{where}: {moves.object[number]} {self.reasons[number]}"
+
+
+def moves_of(samples: Samples, parameters: InferenceParameters) -> tuple[Moves, LeftOut]:
+    """The moves of all actions of some demonstrations, and those that were left out.
 
     Left out are what the very next move corrects, and what was put back to where this demonstration had put it before.
     """
@@ -77,12 +104,11 @@ def moves_of(samples: Samples, parameters: InferenceParameters) -> tuple[Moves, 
     everything = Moves(samples, pairs.pick, pairs.release, moved_m < parameters.put_back_m)
     left_alone = moved_m < parameters.left_alone_m
     kept: list[int] = []
-    notes: list[str] = []
+    left_out: dict[int, str] = {}
     for one in _by_demonstration(everything):
-        found, left_out = _cleaned(one, everything, left_alone)
-        kept += found
-        notes += left_out
-    return Moves(samples, pairs.pick[kept], pairs.release[kept], everything.put_back[kept]), notes
+        kept += _cleaned(one, everything, left_alone, left_out)
+    others = sorted(left_out)
+    return everything.select(kept), LeftOut(everything.select(others), tuple(left_out[n] for n in others))
 
 
 def _pairs(samples: Samples) -> Moves:
@@ -108,22 +134,17 @@ def _by_demonstration(moves: Moves) -> Iterator[list[int]]:
     return (numbers.tolist() for numbers in np.split(np.arange(len(moves)), begins[1:]) if len(numbers))
 
 
-def _cleaned(numbers: Sequence[int], moves: Moves, left_alone: Mask) -> tuple[list[int], list[str]]:
-    """Those moves of one demonstration that are kept, and a note on each of the others."""
+def _cleaned(numbers: Sequence[int], moves: Moves, left_alone: Mask, left_out: dict[int, str]) -> list[int]:
+    """Those moves of one demonstration that are kept; the others join `left_out` with their reasons."""
     names = moves.object[numbers].tolist()
     if len(set(names)) == len(names):
-        return list(numbers), []
+        return list(numbers)
     kept: list[int] = []
-    notes: list[str] = []
     for number, name in zip(numbers, names, strict=True):
         if left_alone[number] and any(moves.object[earlier] == name for earlier in kept):
-            notes.append(f"{_where(moves, number)}: {name} was put back; not part of the task")
+            left_out[number] = PUT_BACK
             continue
         if kept and moves.object[kept[-1]] == name and moves.release[kept[-1]] != NONE:
-            notes.append(f"{_where(moves, kept.pop())}: {name} was moved again at once; the last counts")
+            left_out[kept.pop()] = MOVED_AGAIN
         kept.append(number)
-    return kept, notes
-
-
-def _where(moves: Moves, number: int) -> str:
-    return f"demonstration {moves.name(number)}, action {moves.samples.step[moves.pick[number]]}"
+    return kept

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from learner.errors import NothingLearnedError
 from learner.model import Demonstration, Pose
+from learner.model.frame import AXES, BETWEEN, START, midway, objects_of, upright
 from learner.model.pose import Array
 from learner.model.poses import Mask, Poses, Rows
 
@@ -104,9 +105,11 @@ class Columns:
         return found
 
     def origin(self, frame: str) -> Poses:
-        """The pose of a frame in the base at each press (n,)."""
-        count = len(self.step)
-        return Poses.identity(count) if frame == self.base else self.world.get(frame, Poses.unknown(count))
+        """The pose of a frame in the base at each press (n,); what an object's own frame goes by, as in CONTRACT 3."""
+        if frame.endswith(START):
+            begins = self.begins.get(objects_of(frame)[0], Poses.unknown(len(self.demonstrations)))
+            return begins[self.demonstration]
+        return posed(frame, self.base, self.world, len(self.step))
 
     def target(self, frame: str) -> Poses:
         """The end-effector's pose in a frame at each press (n,)."""
@@ -128,9 +131,14 @@ class Columns:
     def rest(self, frame: str) -> Poses:
         """Where the object came to rest, in a frame (n,). For a pick, where it was."""
         if frame not in self._rests:
-            known = self.rests.get(frame, Poses.unknown(len(self.step)))
-            self._rests[frame] = known.where(self.rest_known, self.release(frame))
+            self._rests[frame] = self._resting(frame).where(self.rest_known, self.release(frame))
         return self._rests[frame]
+
+    def _resting(self, frame: str) -> Poses:
+        """Where the object came to rest, in a frame (n,); of one that goes by several objects, as those were then."""
+        if objects_of(frame) == (frame,):
+            return self.rests.get(frame, Poses.unknown(len(self.step)))
+        return self.origin(frame).inverse() @ self.rests.get(self.base, Poses.unknown(len(self.step)))
 
     @cached_property
     def fall_m(self) -> Array:
@@ -242,9 +250,12 @@ class Samples:
         return [frame for frame in self.frames if self.candidate(frame).all()]
 
     def candidate(self, frame: str) -> Mask:
-        """For which samples (m,) a frame is a candidate."""
-        known = self.columns.candidates.get(frame)
-        return np.zeros(len(self), dtype=np.bool_) if known is None else known[self.rows]
+        """For which samples (m,) a frame is a candidate; one that goes by objects is where those are."""
+        if frame.endswith(START):
+            return self.origin(frame).known
+        masks = [self.columns.candidates.get(name) for name in objects_of(frame)]
+        known = [np.zeros(len(self), dtype=np.bool_) if mask is None else mask[self.rows] for mask in masks]
+        return np.asarray(np.logical_and.reduce(known))
 
     def origin(self, frame: str) -> Poses:
         """The pose in the base, at each press, of a frame (m,)."""
@@ -276,9 +287,19 @@ class Samples:
         return self._at_end(name, self.columns.ends)
 
     def _at_end(self, name: str, world: World) -> Poses:
-        count = len(self.columns.demonstrations)
-        poses = Poses.identity(count) if name == self.base else world.get(name, Poses.unknown(count))
-        return poses[self.numbers]
+        if name.endswith(START):
+            return self.begins(objects_of(name)[0])
+        return posed(name, self.base, world, len(self.columns.demonstrations))[self.numbers]
+
+
+def posed(frame: str, base: str, world: World, count: int) -> Poses:
+    """The pose in the base of a frame (count,), by the poses of the objects; none that goes by how things began."""
+    if frame == base:
+        return Poses.identity(count)
+    poses = [world.get(name, Poses.unknown(count)) for name in objects_of(frame)]
+    if BETWEEN in frame:
+        return midway(*poses)
+    return upright(poses[0]) if frame.endswith(AXES) else poses[0]
 
 
 def _world(seen: Sequence[Mapping[str, Pose]]) -> dict[str, Poses]:

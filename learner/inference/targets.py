@@ -65,13 +65,14 @@ class Target:
 
 
 def target_of(
-    members: Sequence[int], moves: Moves, parameters: InferenceParameters, context: int = 0, among: int | None = None
-) -> Target | None:
+    members: Sequence[int], moves: Moves, parameters: InferenceParameters, context: int = 0, among: int | None = None,
+    richer: Sequence[str] = (), lasting: bool = True,
+) -> Target | None:  # fmt: skip
     """The target of these moves, chosen `among` so many, in the frame that the evidence speaks for.
 
-    None if it speaks for no frame, or the placement does not last.
+    None if it speaks for no frame, or, if `lasting`, the placement does not last.
     """
-    frames = frames_of(members, moves, parameters, among)
+    frames = frames_of(members, moves, parameters, among, richer, lasting)
     return _in_frame(next(iter(frames)), members, moves, parameters, frames, context) if frames else None
 
 

@@ -9,13 +9,14 @@ import numpy as np
 
 from learner.errors import NothingLearnedError
 from learner.inference.chains import chains_of
-from learner.inference.finding import find_targets
+from learner.inference.finding import find_fleeting, find_passed, find_targets
 from learner.inference.goals import Group, groups_of
-from learner.inference.moves import Moves, moves_of
+from learner.inference.moves import LeftOut, Moves, moves_of
 from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Names, Samples
 from learner.inference.targets import Target, alone
 from learner.model import Demonstration
+from learner.model.poses import Rows
 
 Meaning = frozenset[frozenset[tuple[str, str, str]]]
 """The goals of all groups, each as (object, type, frame) of its targets; of frames that are rigid by the task the
@@ -26,7 +27,9 @@ first by name, since any of them means the same."""
 class Understanding:
     """What was understood of some demonstrations with these `parameters`.
 
-    `strange` are the numbers of moves that belong to no target.
+    `strange` are the numbers of moves that belong to no target; `left_out` moves that do not count, `passed` the
+    targets among those of them that were moved on at once; `fleeting` are targets of strange moves at which the object
+    did not stay.
     """
 
     parameters: InferenceParameters
@@ -34,7 +37,9 @@ class Understanding:
     targets: tuple[Target, ...]
     groups: tuple[Group, ...]
     strange: tuple[int, ...]
-    notes: tuple[str, ...]
+    left_out: LeftOut
+    passed: tuple[Target, ...]
+    fleeting: tuple[Target, ...]
 
     @property
     def samples(self) -> Samples:
@@ -63,7 +68,7 @@ def understand(demonstrations: Sequence[Demonstration], parameters: InferencePar
 
 def understand_samples(samples: Samples, parameters: InferenceParameters) -> Understanding:
     """The same of a table of actions. Raises NothingLearnedError if nothing was moved."""
-    moves, notes = moves_of(samples, parameters)
+    moves, left_out = moves_of(samples, parameters)
     if moves.put_back.all():
         raise NothingLearnedError("no object was moved in any demonstration: everything was put back where it was")
     targets = find_targets(moves, parameters)
@@ -75,7 +80,13 @@ def understand_samples(samples: Samples, parameters: InferenceParameters) -> Und
     inside = np.zeros(len(moves), dtype=np.bool_)
     inside[[number for target in targets for number in target.members]] = True
     strange = tuple(np.flatnonzero(moves.released & ~inside).tolist())
-    return Understanding(parameters, moves, tuple(targets), tuple(groups), strange, tuple(notes))
+    passed, fleeting = find_passed(left_out, parameters), _fleeting(np.array(strange, dtype=np.intp), moves, parameters)
+    return Understanding(parameters, moves, tuple(targets), tuple(groups), strange, left_out, tuple(passed), fleeting)
+
+
+def _fleeting(strange: Rows, moves: Moves, parameters: InferenceParameters) -> tuple[Target, ...]:
+    names = moves.object[strange]
+    return tuple(t for name in np.unique(names) for t in find_fleeting(strange[names == name], moves, parameters))
 
 
 def _held_at_end(moves: Moves) -> Names:

@@ -79,8 +79,10 @@ def agreeing_in_object(
     return poses[near]
 
 
-def mean_of_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
-    """The mean of an object's poses in some frame (rests), modulo the turns of the object about its own `axis`."""
+def aligned_in_frame(poses: Poses, symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> tuple[Array, Array]:
+    """The orientations (n, 4) of an object in some frame, each turned about its own `axis` as looks the same to where
+    most agree, and the mean (4,) of those that do.
+    """
     quaternions = poses.quaternions_xyzw
 
     def turned(quaternions: Array, reference: Array) -> tuple[Array, Array]:
@@ -88,8 +90,13 @@ def mean_of_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: Me
         return turn, multiply(quaternions, turn)
 
     _, aligned, agreeing = _most_agreeing(quaternions, turned, parameters)
-    position = robust_mean(poses.positions, parameters)
-    return Pose.of(position, mean_quaternion(aligned[agreeing]))
+    return aligned, mean_quaternion(aligned[agreeing])
+
+
+def mean_of_object(poses: Poses, symmetry: Symmetry, axis: Array, parameters: MeanParameters) -> Pose:
+    """The mean of an object's poses in some frame (rests), modulo the turns of the object about its own `axis`."""
+    _, orientation = aligned_in_frame(poses, symmetry, axis, parameters)
+    return Pose.of(robust_mean(poses.positions, parameters), orientation)
 
 
 def _most_agreeing(

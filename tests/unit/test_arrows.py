@@ -29,6 +29,7 @@ ORDER = {
         "observation execution",
         "inference",
         "planning proof",
+        "regularities",
         "simulation",
         "learned",
         "paper",

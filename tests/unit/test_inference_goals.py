@@ -76,17 +76,17 @@ def test_a_person_who_relabelled_is_right() -> None:
 def test_a_pick_that_ends_a_demonstration_has_no_release_and_others_have_the_next_action() -> None:
     from support_demonstrations import Take
 
-    moves, notes = moves_of(Samples.of(shown([[A_IN_BOX, Take("B")], [B_IN_BOX]])), PARAMETERS)
-    assert notes == []
+    moves, left_out = moves_of(Samples.of(shown([[A_IN_BOX, Take("B")], [B_IN_BOX]])), PARAMETERS)
+    assert len(left_out.moves) == 0
     assert moves.object.tolist() == ["A", "B", "B"]
     assert moves.demonstration.tolist() == [0, 0, 1]
     assert (moves.release == NONE).tolist() == [False, True, False]
 
 
 def test_what_is_moved_again_at_once_counts_once_and_is_told() -> None:
-    moves, (note,) = moves_of(Samples.of(shown([[A_ON_TRAY, A_IN_BOX, B_IN_BOX]])), PARAMETERS)
+    moves, left_out = moves_of(Samples.of(shown([[A_ON_TRAY, A_IN_BOX, B_IN_BOX]])), PARAMETERS)
     assert moves.object.tolist() == ["A", "B"]
-    assert "demonstration d0, action 0: A was moved again at once" in note
+    assert "demonstration d0, action 0: A was moved again at once" in left_out.sentence(0)
 
 
 # Goals

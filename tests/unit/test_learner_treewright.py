@@ -76,11 +76,12 @@ def test_a_placement_that_is_corrected_at_once_does_not_count() -> None:
     assert any("moved again at once" in note for note in found.notes)
 
 
-def test_a_base_that_is_moved_anywhere_first_does_not_matter() -> None:
+def test_a_base_that_is_moved_anywhere_first_does_not_matter_but_is_told() -> None:
     found = learn(shown(lambda n, _: [Put("A", BASE, (0.3 + 0.1 * n, -0.7, 0.025)), STACK], count=4))
     assert found.tree.nodes == 12
     assert frames(found) == [("place", "B", "A")]
-    assert any("d000" in note and "not part of the task" in note for note in found.notes)
+    (doubt,) = found.doubts
+    assert (doubt.what, doubt.object, len(doubt.demonstrations)) == ("place", "A", 4)
 
 
 def test_a_reference_that_somebody_moves_between_two_placements_stays_the_reference() -> None:

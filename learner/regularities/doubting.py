@@ -1,0 +1,27 @@
+"""All doubts about what was understood."""
+
+from __future__ import annotations
+
+from learner.inference.understanding import Understanding
+from learner.model.doubt import Doubt
+from learner.planning.parameters import MeanParameters
+from learner.regularities.choices import choices
+from learner.regularities.parameters import RegularityParameters
+from learner.regularities.places import unexplained_places, wide_places
+from learner.regularities.returns import returns
+from learner.regularities.turns import turns
+from learner.regularities.visits import visits
+
+
+def doubts_about(
+    understood: Understanding, means: MeanParameters, parameters: RegularityParameters
+) -> tuple[Doubt, ...]:
+    """What the demonstrations have in common and a tree of what was understood does not reproduce."""
+    return (
+        *unexplained_places(understood, parameters),
+        *wide_places(understood, parameters),
+        *choices(understood, parameters),
+        *visits(understood, parameters),
+        *returns(understood, parameters),
+        *turns(understood, means, parameters),
+    )

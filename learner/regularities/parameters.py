@@ -1,0 +1,24 @@
+"""Every number by which regularities are told, with the reason or the measurement that it comes from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RegularityParameters:
+    """How much must have something in common before it is told."""
+
+    few: float = 1 / 3
+    """More than this share of the demonstrations is no exception: one of three may have gone wrong."""
+    most: float = 2 / 3
+    """More than this share of the demonstrations does something as a rule: of three all, since two may err alike."""
+    least: int = 2
+    """One demonstration has nothing in common with itself."""
+    likely: float = 0.8
+    """From this probability on a shape of place (a line, an area) is named."""
+    turned_rad: float = math.radians(12)
+    """Orientations within this of their mean are the same: several times the hand's noise."""
+    chance: float = 0.02
+    """Orientations that would agree so rarely if nobody cared were meant."""
