@@ -20,6 +20,7 @@ COMMANDS: Final = {
     "ingest": "recordings to the lake",
     "demos": "what was demonstrated, and leaving one out",
     "learn": "cluster, infer, plan, verify and publish the tree of a task",
+    "approve": "a person takes on what is doubted of a tree",
     "store": "the artifact store: list, show, export, alias, verify",
     "run": "a cell controller: fetch a tree, check it, execute it",
     "recover": "complete a torn recording from its whole chunks",

@@ -2,7 +2,8 @@
 
 Bytes lie in files named by their SHA-256 below `objects/`: the tree as canonical JSON, as BehaviorTree.CPP XML, and the
 manifest. What belongs together stands in a database (SQLite in the store's folder, or any other that SQLAlchemy
-reaches): a row per version, a row per alias, and a row per change, which is what served stores announce.
+reaches): a row per version, a row per alias, a row per change, which is what served stores announce, and what is
+doubted of each version and who approved it (`storage.standing`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import os
 import re
 import secrets
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -25,21 +26,26 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from learner.errors import LearnerError
 from learner.model import Tree, check_alias, check_name
+from storage import standing
 from storage.btcpp import from_xml, to_xml
 from storage.errors import (
     AliasRefusedError,
     DamagedError,
+    DoubtfulError,
     ManifestRefusedError,
     NotStoredError,
     StorageError,
     StorageUnavailableError,
 )
+from storage.schema import ALIASES, CHANGES, METADATA, VERSIONS
+from storage.standing import Standing, standing_of
 
 Result = TypeVar("Result")
 
 CONTRACT: Final = "1"
 LATEST: Final = "latest"
 PRODUCTION: Final = "production"
+DOUBTFUL: Final = "doubtful"
 DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 ATTEMPTS: Final = 50
 BUSY_S: Final = 30.0
@@ -63,39 +69,6 @@ OWN_FACTS: Final = (
 EXPECTED_FACTS: Final = ("base_frame", "end_effector_frame", "lineage", "metrics")
 """What a manifest always has, null where the publisher does not know it."""
 
-METADATA: Final = sa.MetaData()
-VERSIONS: Final = sa.Table(
-    "versions",
-    METADATA,
-    sa.Column("task", sa.String(64), primary_key=True),
-    sa.Column("version", sa.Integer, primary_key=True),
-    sa.Column("digest", sa.String(64), nullable=False),
-    sa.Column("manifest_sha256", sa.String(64), nullable=False),
-    sa.Column("xml_sha256", sa.String(64), nullable=False),
-    # One version a tree: what keeps racing publishers of one tree from making two.
-    sa.UniqueConstraint("task", "digest"),
-)
-ALIASES: Final = sa.Table(
-    "aliases",
-    METADATA,
-    sa.Column("task", sa.String(64), primary_key=True),
-    sa.Column("name", sa.String(64), primary_key=True),
-    sa.Column("version", sa.Integer, nullable=False),
-    sa.ForeignKeyConstraint(["task", "version"], ["versions.task", "versions.version"]),
-)
-CHANGES: Final = sa.Table(
-    "changes",
-    METADATA,
-    sa.Column("serial", sa.Integer, primary_key=True, autoincrement=True),
-    sa.Column("stamp_ns", sa.BigInteger, nullable=False),
-    sa.Column("task", sa.String(64), nullable=False),
-    sa.Column("event", sa.String(16), nullable=False),
-    sa.Column("version", sa.Integer, nullable=False),
-    sa.Column("alias", sa.String(64)),
-    sa.Column("digest", sa.String(64), nullable=False),
-    sqlite_autoincrement=True,
-)
-
 
 @dataclass(frozen=True)
 class Published:
@@ -108,7 +81,9 @@ class Published:
 
 @dataclass(frozen=True)
 class Artifact:
-    """One version of a task's tree, verified when it was read; `aliases` are the names that point to it now."""
+    """One version of a task's tree, verified when it was read; `aliases` are the names that point to it now, and
+    `standing` is what is doubted of it now.
+    """
 
     task: str
     version: int
@@ -118,11 +93,17 @@ class Artifact:
     manifest: Mapping[str, Any]
     manifest_json: str
     aliases: tuple[str, ...]
+    standing: Standing
+
+    @property
+    def served_json(self) -> str:
+        """The manifest with the standing, as canonical JSON: what a controller judges by."""
+        return canonical({**self.manifest, **self.standing.to_data()})
 
 
 @dataclass(frozen=True)
 class Change:
-    """Something that happened in the store: `event` is 'published' or 'alias'."""
+    """Something that happened in the store: `event` is 'published', 'alias', or 'unalias' where one was taken away."""
 
     serial: int
     stamp_ns: int
@@ -178,21 +159,43 @@ class ArtifactStore:
     def alias(self, task: str, name: str, version: int) -> bool:
         """Let the alias `name` point to `version`. False if it does already.
 
-        Raises NotStoredError, and AliasRefusedError for any alias but `latest` where the manifest's certificate holds
-        a counterexample (`{"certificate": {"counterexample": ...}}`): such a tree is not for use.
+        Raises NotStoredError, and AliasRefusedError for any alias but `doubtful` where the version is doubtful, or was
+        never judged and its manifest's certificate holds a counterexample: such a tree is not for use until a person
+        approves it.
         """
         check_alias(name)
         return self._until_won(lambda: self._try_to_alias(task, name, version))
 
+    def judge(self, task: str, version: int, reasons: Sequence[str], chosen_ns: int) -> None:
+        """Write why a version is doubtful, as its learner found it now, and let `latest` or `doubtful` point to it.
+
+        Without reasons, or where a person approved them all, it becomes `latest`, but never from demonstrations that
+        were chosen (at `chosen_ns`, since the epoch) before those of the present one: a learner that was slow sets
+        nothing back. With reasons it becomes `doubtful`; where it was `latest`, the last good one before it is again.
+        Raises NotStoredError.
+        """
+        self._until_won(lambda: self._try_to_judge(task, version, reasons, chosen_ns))
+
+    def approve(self, task: str, ref: str | int, by: str) -> tuple[int, Standing]:
+        """Somebody takes the doubts of a version on: it is `latest` then, unless a newer one is. Who and when is kept.
+
+        The version, and its standing before. Raises NotStoredError, NameRefusedError for a name that is none, and
+        AliasRefusedError where nothing is doubted.
+        """
+        check_name("user", by)
+        return self._until_won(lambda: self._try_to_approve(task, ref, by))
+
     def get(self, task: str, ref: str | int | None = None) -> Artifact:
         """A version by its number or an alias; without `ref` production if set, else latest, else the newest.
 
-        Raises NotStoredError, and DamagedError if a stored byte has changed.
+        Raises NotStoredError, DoubtfulError where without `ref` there is nothing but a doubtful one, and DamagedError
+        if a stored byte has changed.
         """
         with self._reading() as connection:
             version = self._resolve(connection, task, ref)
             row = connection.execute(_version(task, version)).one()
             aliases = tuple(sorted(name for name, v in self._aliases(connection, task).items() if v == version))
+            stands = standing_of(connection, task, version)
         manifest_json = self._load(row.manifest_sha256, f"the manifest of {task}@{version}")
         xml = self._load(row.xml_sha256, f"the XML of {task}@{version}")
         text = self._load(row.digest, f"the tree of {task}@{version}")
@@ -200,7 +203,7 @@ class ArtifactStore:
             tree, manifest = Tree.from_json(text), json.loads(manifest_json)
         except (LearnerError, ValueError) as error:
             raise DamagedError(f"the store's database confuses the files of {task}@{version}: {error}") from error
-        return Artifact(task, version, row.digest, tree, xml, manifest, manifest_json, aliases)
+        return Artifact(task, version, row.digest, tree, xml, manifest, manifest_json, aliases, stands)
 
     def tasks(self) -> list[dict[str, Any]]:
         """Each task with its newest version, that one's digest, and its aliases: what `GET /v1/tasks` answers."""
@@ -224,7 +227,7 @@ class ArtifactStore:
             aliases = self._aliases(connection, task)
             query = sa.select(VERSIONS).where(VERSIONS.c.task == task).order_by(VERSIONS.c.version.desc())
             rows = connection.execute(query).all()
-        return [self._summary(row, aliases) for row in rows]
+            return [self._summary(row, aliases) | standing_of(connection, task, row.version).to_data() for row in rows]
 
     def aliases(self, task: str) -> dict[str, int]:
         """The version that each alias of a task points to. Raises NotStoredError."""
@@ -280,26 +283,86 @@ class ArtifactStore:
     def _try_to_alias(self, task: str, name: str, version: int) -> bool:
         with self._writing() as connection:
             row = connection.execute(_version(task, self._resolve(connection, task, version))).one()
-            present = self._aliases(connection, task).get(name)
-            if present == version:
+            if self._aliases(connection, task).get(name) == version:
                 return False
-            if name != LATEST:
-                self._check_certificate(row)
-            where = (ALIASES.c.task == task) & (ALIASES.c.name == name)
-            change = ALIASES.insert().values(task=task, name=name) if present is None else ALIASES.update().where(where)
-            connection.execute(change.values(version=version))
-            _record(connection, task, "alias", version, name, row.digest)
+            if name != DOUBTFUL:
+                self._check_fit(connection, row)
+            return self._point(connection, task, name, version)
+
+    def _try_to_judge(self, task: str, version: int, reasons: Sequence[str], chosen_ns: int) -> None:
+        with self._writing() as connection:
+            self._resolve(connection, task, version)
+            standing.judge(connection, task, version, reasons, chosen_ns)
+            aliases = self._aliases(connection, task)
+            if standing_of(connection, task, version).doubtful:
+                self._point(connection, task, DOUBTFUL, version)
+                if aliases.get(LATEST) == version:
+                    self._point(connection, task, LATEST, self._last_good(connection, task))
+                return
+            if aliases.get(DOUBTFUL) == version:
+                self._point(connection, task, DOUBTFUL, None)
+            present = aliases.get(LATEST)
+            newer = standing_of(connection, task, present).chosen_ns if present else None
+            if newer is None or newer <= chosen_ns:
+                self._point(connection, task, LATEST, version)
+
+    def _try_to_approve(self, task: str, ref: str | int, by: str) -> tuple[int, Standing]:
+        with self._writing() as connection:
+            version = self._resolve(connection, task, ref)
+            before = standing_of(connection, task, version)
+            if not before.doubtful:
+                raise AliasRefusedError(f"nothing is doubted of {task}@{version}; there is nothing to approve")
+            standing.approve(connection, task, version, by, before.doubtful)
+            aliases = self._aliases(connection, task)
+            if aliases.get(DOUBTFUL) == version:
+                self._point(connection, task, DOUBTFUL, None)
+            if aliases.get(LATEST, 0) < version:
+                self._point(connection, task, LATEST, version)
+        return version, before
+
+    def _point(self, connection: sa.Connection, task: str, name: str, version: int | None) -> bool:
+        """Let an alias point to a version, or take it away (None), and record that. False if nothing changes."""
+        present = self._aliases(connection, task).get(name)
+        if present == version:
+            return False
+        where = (ALIASES.c.task == task) & (ALIASES.c.name == name)
+        if version is None:
+            connection.execute(ALIASES.delete().where(where))
+        elif present is None:
+            connection.execute(ALIASES.insert().values(task=task, name=name, version=version))
+        else:
+            connection.execute(ALIASES.update().where(where).values(version=version))
+        about = version or present
+        assert about is not None  # not both are None: they differ
+        row = connection.execute(_version(task, about)).one()
+        _record(connection, task, "alias" if version else "unalias", about, name, row.digest)
         return True
 
-    def _check_certificate(self, row: sa.Row[Any]) -> None:
-        name = f"{row.task}@{row.version}"
+    def _last_good(self, connection: sa.Connection, task: str) -> int | None:
+        """The version that was `latest` last of those of which nothing is doubted; None if there is none."""
+        was = sa.select(CHANGES.c.version).where(CHANGES.c.task == task, CHANGES.c.alias == LATEST)
+        earlier = connection.execute(was.order_by(CHANGES.c.serial.desc())).scalars()
+        return next((int(v) for v in earlier if not standing_of(connection, task, int(v)).doubtful), None)
+
+    def _check_fit(self, connection: sa.Connection, row: sa.Row[Any]) -> None:
+        name, stands = f"{row.task}@{row.version}", standing_of(connection, row.task, row.version)
+        if stands.doubtful:
+            raise AliasRefusedError(
+                f"{name} is doubtful and gets no other alias until `treewright approve {name} --by NAME`: "
+                f"{stands.doubtful[0]}"
+            )
+        if stands.chosen_ns is None and self._counterexample(row, name):
+            raise AliasRefusedError(f"{name} has a counterexample in its certificate; learn it again")
+
+    def _counterexample(self, row: sa.Row[Any], name: str) -> bool:
         certificate = json.loads(self._load(row.manifest_sha256, f"the manifest of {name}")).get("certificate")
-        if isinstance(certificate, dict) and certificate.get("counterexample"):
-            raise AliasRefusedError(f"{name} has a counterexample in its certificate; it gets no alias but {LATEST}")
+        return isinstance(certificate, dict) and bool(certificate.get("counterexample"))
 
     def _resolve(self, connection: sa.Connection, task: str, ref: str | int | None) -> int:
         versions = self._check_task(connection, task)
         aliases = self._aliases(connection, task)
+        if ref is None and not {PRODUCTION, LATEST} & set(aliases) and DOUBTFUL in aliases:
+            raise DoubtfulError(task, aliases[DOUBTFUL])
         if ref is None:
             return aliases.get(PRODUCTION, aliases.get(LATEST, max(versions)))
         if isinstance(ref, str) and ref in aliases:
@@ -378,8 +441,8 @@ class ArtifactStore:
 
     def _is_there(self) -> bool:
         """Whether the database holds our tables: its file may be there while another process is about to make them."""
-        if not self._prepared and self._database.exists():
-            self._prepared = sa.inspect(self._engine).has_table(CHANGES.name)
+        if not self._prepared and self._database.exists() and sa.inspect(self._engine).has_table(CHANGES.name):
+            self._prepare()  # one that an earlier version made lacks the newest tables
         return self._prepared and self._database.exists()
 
     @contextmanager

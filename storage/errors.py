@@ -5,7 +5,8 @@ StorageError
 ├── NotStoredError             what was asked for is not there; the message says what is
 ├── ConflictError              a demonstration's id is taken by other content
 ├── RelabelRefusedError        a correction that the demonstrated action cannot take
-├── AliasRefusedError          a tree with a counterexample gets no alias but latest
+├── AliasRefusedError          a doubtful tree gets no alias but doubtful; what is not doubted needs no approval
+├── DoubtfulError              a task has only a doubtful tree, which is used by that name alone
 ├── ManifestRefusedError       facts about a tree that would contradict the store's own
 ├── DamagedError               stored bytes are not those that were stored
 └── StorageUnavailableError    may pass: a database, folder or served store does not answer now
@@ -51,6 +52,16 @@ class RelabelRefusedError(StorageError):
 
 class AliasRefusedError(StorageError):
     """An alias that a tree may not get."""
+
+
+class DoubtfulError(StorageError):
+    """There is no tree of a task but a doubtful one, which is taken only by that name or once it is approved."""
+
+    def __init__(self, task: str, version: int) -> None:
+        super().__init__(
+            f"{task} has only a doubtful tree, {task}@{version}; take it as {task}@doubtful, or "
+            f"`treewright approve {task}@{version} --by NAME` after a look at its doubts"
+        )
 
 
 class ManifestRefusedError(StorageError):

@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 
 from learner.errors import LearnerError
 from storage.artifacts import Artifact, ArtifactStore, sha256_of
-from storage.errors import DamagedError, NotStoredError, StorageError, StorageUnavailableError
+from storage.errors import DamagedError, DoubtfulError, NotStoredError, StorageError, StorageUnavailableError
 from storage.picture import to_svg
 
 Handler = Callable[[Request, Exception], JSONResponse]
@@ -27,6 +27,7 @@ FORMATS: Final[dict[str, tuple[str, Callable[[Artifact], str]]]] = {
 }
 STATUS: Final[dict[type[Exception], int]] = {
     NotStoredError: 404,
+    DoubtfulError: 404,
     LearnerError: 400,  # a name that the contract refuses
     StorageUnavailableError: 503,
     DamagedError: 500,
@@ -50,7 +51,7 @@ def make_app(store: ArtifactStore) -> FastAPI:
 
     @app.api_route("/v1/tasks/{task}/{ref}", methods=READ)
     def manifest(task: str, ref: str, request: Request) -> Response:
-        text = store.get(task, ref).manifest_json
+        text = store.get(task, ref).served_json
         return _answer(request, text, "application/json", sha256_of(text))
 
     @app.api_route("/v1/tasks/{task}/{ref}/{name}", methods=READ)

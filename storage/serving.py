@@ -15,7 +15,7 @@ from learner.errors import LearnerError
 from learner.model import check_alias
 from storage.artifacts import Artifact, ArtifactStore, Change
 from storage.client import PREFIX
-from storage.errors import NotStoredError, StorageError
+from storage.errors import DoubtfulError, NotStoredError, StorageError
 
 POLL_S: Final = 0.25
 """How often the database is asked for changes, which any process may have made [s]."""
@@ -35,7 +35,8 @@ class StoreOnZenoh:
     latest) answers with the XML and, as attachment, the manifest; a key with wildcards answers for every task that it
     matches. What cannot be answered is an error reply `{"error": sentence}`. Changes, by whichever process, are
     published on `treewright/artifacts/<task>/events` as `{"stamp_ns", "event", "task", "version", "alias", "digest"}`
-    with `event` `published` or `alias`, in their order.
+    with `event` `published`, `alias` or `unalias`, in their order. The manifest comes with what is doubted of the
+    version now, `doubtful`, and who `approved` it.
     """
 
     def __init__(self, session: zenoh.Session, store: ArtifactStore, poll_s: float = POLL_S) -> None:
@@ -64,7 +65,7 @@ class StoreOnZenoh:
                     f"{PREFIX}/{artifact.task}",
                     artifact.xml,
                     encoding=zenoh.Encoding.APPLICATION_XML,
-                    attachment=artifact.manifest_json,
+                    attachment=artifact.served_json,
                 )
         except (StorageError, LearnerError) as error:
             _refuse(query, str(error))
@@ -83,7 +84,7 @@ class StoreOnZenoh:
             if query.key_expr.intersects(zenoh.KeyExpr(f"{PREFIX}/{task}")):
                 try:
                     yield self._store.get(task, ref)
-                except NotStoredError:
+                except (NotStoredError, DoubtfulError):
                     # Of many tasks those answer that have the version or alias.
                     continue
 

@@ -22,7 +22,7 @@ from learner.model.frame import AXES, START, objects_of
 from learner.model.pose import Array
 from learner.model.poses import Rows
 from learner.regularities.parameters import RegularityParameters
-from learner.regularities.told import doubt, share
+from learner.regularities.told import doubt, is_regular, share
 
 WHAT: Final = "place"
 LEAST_SIDE_M: Final = 2 * PLACE_RADIUS_M
@@ -35,12 +35,11 @@ _TWICE: Final = (
 
 def unexplained_places(understood: Understanding, parameters: RegularityParameters) -> Iterator[Doubt]:
     """A doubt for each object that more than a few demonstrations bring to where no target is."""
-    moves, everyone = understood.moves, len(understood.demonstrations)
+    moves = understood.moves
     for name in np.unique(moves.object[moves.released]).tolist():
         shown = np.flatnonzero(moves.released & (moves.object == name) & ~moves.put_back)
         left = np.setdiff1d(shown, _explained(understood))
-        count = len(np.unique(moves.demonstration[left]))
-        if count >= parameters.least and count > parameters.few * everyone:
+        if is_regular(moves.demonstration[left].tolist(), parameters.few, understood, parameters):
             yield _unexplained(str(name), left, understood, parameters)
 
 

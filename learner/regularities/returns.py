@@ -10,7 +10,7 @@ import numpy as np
 from learner.inference.understanding import Understanding
 from learner.model.doubt import Doubt
 from learner.regularities.parameters import RegularityParameters
-from learner.regularities.told import doubt, share
+from learner.regularities.told import doubt, is_regular, share
 
 WHAT: Final = "start"
 
@@ -23,7 +23,7 @@ def returns(understood: Understanding, parameters: RegularityParameters) -> Iter
     back = np.setdiff1d(np.flatnonzero(moves.put_back), reached)
     for name in sorted({*moves.object[back].tolist()} - elsewhere):
         shown = np.unique(moves.demonstration[back[moves.object[back] == name]]).tolist()
-        if len(shown) >= parameters.least and len(shown) > parameters.most * everyone:
+        if is_regular(shown, parameters.most, understood, parameters):
             yield doubt(
                 understood, shown, name, WHAT,
                 f"{name} was taken and put back where it stood {share(len(shown), everyone)}: that holds at the start "

@@ -13,7 +13,7 @@ from learner.inference.understanding import Understanding
 from learner.model.condition import PLACE_RADIUS_M
 from learner.model.doubt import Doubt
 from learner.regularities.parameters import RegularityParameters
-from learner.regularities.told import doubt, share
+from learner.regularities.told import doubt, is_regular, share
 
 WHAT: Final = "visit"
 
@@ -40,7 +40,7 @@ def _visited(
 ) -> Iterator[Doubt]:
     shown = set(moves.demonstration[list(target.members)].tolist())
     everyone = len(understood.demonstrations)
-    if len(shown) < parameters.least or len(shown) <= parameters.most * everyone:
+    if not is_regular(shown, parameters.most, understood, parameters):
         return
     name, where = target.object, target.upon[0] if target.upon else target.frame
     yield doubt(

@@ -144,9 +144,7 @@ def _certificate(learned: Learned, tree: Tree, base_frame: str) -> Certificate:
 def _unproven(certificate: Certificate) -> tuple[str, ...]:
     if certificate.counterexample is None:
         return ()
-    return (
-        f"the tree is not proven; it may get only the alias latest: from a state with {certificate.counterexample}",
-    )
+    return (f"the tree is not proven: from a state with {certificate.counterexample}",)
 
 
 def _with_success(user: Mapping[str, Any], share: Share | None) -> dict[str, Any]:
@@ -168,6 +166,5 @@ def _said(best: _Tried) -> tuple[str, ...]:
     """Sentences on what still fails in simulation."""
     failures, share = best.candidate.rehearsal.failures, best.candidate.rehearsal.share
     said = [f"rehearsal: {share} done; {failures[0]}"] if failures else []
-    only = "; the tree may get only the alias latest" if best.replay.failed else ""
-    said += [f"replay: {best.replay.failures[0]}{only}"] if best.replay.failures else []
+    said += [f"replay: {best.replay.failures[0]}"] if best.replay.failures else []
     return tuple(said)

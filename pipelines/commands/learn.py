@@ -1,6 +1,7 @@
-"""`treewright learn TASK`: cluster, infer, plan, verify, publish, set alias `latest`.
+"""`treewright learn TASK`: cluster, infer, plan, verify, publish, set alias `latest`, or `doubtful` with the reasons.
 
-With --json: {"task", "version", "digest", "nodes", "nodes_recovery", "aliases", "notes", "doubts", "new"}. Where
+With --json: {"task", "version", "digest", "nodes", "nodes_recovery", "aliases", "notes", "doubts", "doubtful", "new"}.
+Where
 PREFECT_API_URL is set the flow runs and is seen there; else the same functions run directly.
 """
 
@@ -32,8 +33,8 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     console.say(_summary(publication))
     for note in publication.notes:
         console.say(f"  note: {note}")
-    for doubt in publication.doubts:
-        console.say(f"  doubt: {doubt.sentence}")
+    for reason in publication.doubtful:
+        console.say(f"  doubtful: {reason}")
     return 0
 
 
@@ -68,5 +69,5 @@ def _method(name: str) -> str:
 def _summary(publication: Publication) -> str:
     recovery = f" and {publication.nodes_recovery} that only recover" if publication.nodes_recovery else ""
     what = "learned" if publication.new else "nothing new: this tree was there already as"
-    name = f"{publication.task}@{publication.version} ({', '.join(publication.aliases)})"
+    name = f"{publication.task}@{publication.version} ({', '.join(publication.aliases) or 'no alias'})"
     return f"{what} {name}: {publication.nodes} nodes{recovery}"

@@ -9,7 +9,7 @@
 `@V` is a version or an alias; without it `production` if set, else `latest`. With --json:
 
     list     [{"task", "version", "digest", "aliases": {name: version}}]
-    show     the manifest with "aliases": [name] added
+    show     the manifest with "aliases": [name], "doubtful": [sentence] and "approved": [{"by", "stamp_ns"}] added
     export   {"task", "version", "digest", "format", "file"}
     alias    {"task", "alias", "version", "changed"}
     verify   {"task", "version", "digest", "verified": true}
@@ -95,7 +95,7 @@ def _list(store: ArtifactStore, _: argparse.Namespace, console: Console) -> None
 
 def _show(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
     artifact = _chosen(store, arguments)
-    document = {**artifact.manifest, "aliases": list(artifact.aliases)}
+    document = {**artifact.manifest, **artifact.standing.to_data(), "aliases": list(artifact.aliases)}
     console.emit(document)
     console.say(json.dumps(document, indent=2, sort_keys=True))
 

@@ -33,6 +33,8 @@ CELL_SHOWS_S: Final = 3.0
 """What a running cell has not shown within this time [s] it does not have."""
 LOOK_AGAIN_S: Final = 0.05
 DATABASE: Final = "store.sqlite"
+DOUBTFUL: Final = "doubtful"
+"""The alias by which alone a tree is run of which something is doubted."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,7 @@ def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Eve
     while True:
         try:
             xml, manifest = fetch(session, reference.task, reference.version, reference.alias)
+            _check_undoubted(reference, manifest)
             return Job.of(reference.task, from_xml(xml), manifest)
         except StorageUnavailableError:
             if time.monotonic() >= deadline_s or stop.wait(LOOK_AGAIN_S):
@@ -162,7 +165,19 @@ def from_store(root: Path, url: str | None, reference: Reference) -> Job:
         )
     with ArtifactStore(folder, None if own else url) as store:
         artifact = store.get(reference.task, reference.alias if reference.version is None else reference.version)
+    _check_undoubted(reference, artifact.standing.to_data() | {"version": artifact.version})
     return Job.of(reference.task, artifact.tree, artifact.manifest)
+
+
+def _check_undoubted(reference: Reference, served: Mapping[str, Any]) -> None:
+    """Raises CommandError for a tree that is doubtful and was not asked for as such (CONTRACT, section 3)."""
+    reasons = served.get("doubtful")
+    if reasons and reference.alias != DOUBTFUL:
+        name = f"{reference.task}@{served.get('version')}"
+        raise CommandError(
+            f"{name} is doubtful: {reasons[0]}; run it as {reference.task}@{DOUBTFUL}, or "
+            f"`treewright approve {name} --by NAME`"
+        )
 
 
 def first_action(root: Node, state: CellState) -> tuple[str, str | None]:

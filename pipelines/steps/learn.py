@@ -1,8 +1,9 @@
-"""From the lake to the artifact store: choose demonstrations of a task, learn, publish, set `latest`."""
+"""From the lake to the artifact store: choose demonstrations of a task, learn, publish, set `latest` or `doubtful`."""
 
 from __future__ import annotations
 
 import hashlib
+import time
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,7 +22,8 @@ from learner.parameters import Parameters
 from learner.planning.actions import scene_of
 from pipelines.console import silent_standard_error
 from pipelines.errors import CommandError
-from storage.artifacts import LATEST, ArtifactStore
+from pipelines.steps.gate import reasons_against, untried
+from storage.artifacts import ArtifactStore
 from storage.lake import Entry, Lake
 
 POINTS: Final = (
@@ -32,18 +34,22 @@ POINTS: Final = (
 
 @dataclass(frozen=True)
 class Choice:
-    """Which demonstrations of `task` are learned from; `left_out` gives the reason by demonstration."""
+    """Which demonstrations of `task` are learned from, chosen at `chosen_ns`; `left_out` gives the reason by
+    demonstration.
+    """
 
     task: str
     demonstrations: tuple[Demonstration, ...]
     left_out: Mapping[str, str]
+    chosen_ns: int
 
 
 @dataclass(frozen=True)
 class Publication:
     """What a run of `learn` came to: CONTRACT, section 4, and the learner's notes.
 
-    `new` is False where an equal tree was stored before, whose version this is.
+    `doubtful` are the reasons why it is not `latest`; `new` is False where an equal tree was stored before, whose
+    version this is.
     """
 
     task: str
@@ -54,6 +60,7 @@ class Publication:
     aliases: tuple[str, ...]
     notes: tuple[str, ...]
     doubts: tuple[Doubt, ...]
+    doubtful: tuple[str, ...]
     new: bool
 
     def to_data(self) -> dict[str, Any]:
@@ -90,6 +97,7 @@ def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: b
     NameRefusedError for a name that is none, and CommandError that says what there is where nothing is left.
     """
     check_name("task", task)
+    chosen_ns = time.time_ns()
     entries = lake.entries(task)
     if not entries:
         raise CommandError(_nothing_shown(lake, task))
@@ -101,13 +109,21 @@ def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: b
     chosen = tuple(e.demonstration for e in entries if e.demonstration.demonstration_id not in left_out)
     if not chosen:
         raise CommandError(f"nothing to learn {task} from: {_listing(left_out)}")
-    return Choice(task, chosen, left_out)
+    return Choice(task, chosen, left_out, chosen_ns)
 
 
 def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str) -> Publication:
-    """Store what was learned with its lineage and let `latest` point to it; an equal tree makes no new version."""
+    """Store what was learned with its lineage; an equal tree makes no new version.
+
+    A tree of the default method becomes `latest`, or, where there are reasons against it, `doubtful` (CONTRACT, section
+    3); one of another method gets only an alias of the method's name.
+    """
     published = store.publish(choice.task, learned.tree, facts_about(choice, learned, method))
-    store.alias(choice.task, LATEST, published.version)
+    reasons = reasons_against(learned, doubts_about(choice, learned))
+    if method == DEFAULT_METHOD:
+        store.judge(choice.task, published.version, reasons, choice.chosen_ns)
+    elif not reasons:
+        store.alias(choice.task, method, published.version)
     names = [name for name, version in store.aliases(choice.task).items() if version == published.version]
     return Publication(
         task=choice.task,
@@ -118,6 +134,7 @@ def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str)
         aliases=tuple(names),
         notes=notes_of(choice, learned),
         doubts=doubts_about(choice, learned),
+        doubtful=reasons,
         new=published.new,
     )
 
@@ -161,7 +178,7 @@ def notes_of(choice: Choice, learned: Learned) -> tuple[str, ...]:
     """What a person should know of this tree: the learner's notes, what was left out, and what stood in for what."""
     left_out = (f"{name} was left out: {reason}" for name, reason in choice.left_out.items())
     points = () if _scene_known(choice) else (POINTS,)
-    return (*learned.notes, *left_out, *points, *_warnings(choice))
+    return (*learned.notes, *untried(learned), *left_out, *points, *_warnings(choice))
 
 
 def _warnings(choice: Choice) -> list[str]:

@@ -14,10 +14,14 @@ from learner.parameters import Parameters
 from learner.planning.parameters import PlanningParameters, RecoveryParameters
 from learner.proof.parameters import ProofParameters
 from pipelines.cli import main
+from pipelines.controller.job import from_store
+from pipelines.errors import CommandError
 from pipelines.home import Home
+from pipelines.reference import Reference
 from pipelines.steps.ingest import ingest
 from pipelines.steps.learn import code_version, learn_task
 from storage.artifacts import ArtifactStore
+from storage.errors import StorageError
 from storage.lake import Lake
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "contract_samples"
@@ -105,12 +109,46 @@ def test_a_signal_is_told_as_a_doubt_of_the_tree(home: Home, capsys: pytest.Capt
         signal = {"stamp_ns": pick["stamp_ns"] + 10**9, "type": "signal", "signal": "door", "value": True}
         take.with_presses([pick, signal, drop]).write(home.recordings / f"{seed}.mcap")
     assert not ingest(home, Lake(home.lake)).quarantined
-    (doubt,) = cast(list[dict[str, object]], learn(capsys)["doubts"])
+    learned = learn(capsys)
+    (doubt,) = cast(list[dict[str, object]], learned["doubts"])
+    assert (learned["aliases"], learned["doubtful"]) == (["doubtful"], [doubt["sentence"]])
     assert doubt["demonstrations"] == [f"{TASK}-{seed}" for seed in range(3)]
     assert (doubt["object"], doubt["what"]) == (None, "signal")
     assert "sets door to true" in str(doubt["sentence"])
     with ArtifactStore(home.store) as store:
-        assert store.get(TASK).manifest["doubts"] == [doubt]
+        assert store.get(TASK, "doubtful").manifest["doubts"] == [doubt]
+
+
+def test_a_doubtful_tree_is_run_by_that_name_or_once_somebody_approves_it(
+    home: Home, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in range(3):
+        pick, drop = (take := object_in_box(seed)).presses()
+        signal = {"stamp_ns": pick["stamp_ns"] + 10**9, "type": "signal", "signal": "door", "value": True}
+        take.with_presses([pick, signal, drop]).write(home.recordings / f"{seed}.mcap")
+    ingest(home, Lake(home.lake))
+    learn(capsys)
+    for refused in (f"{TASK}@1", TASK):
+        with pytest.raises((CommandError, StorageError), match="doubtful"):
+            from_store(home.root, None, Reference.parse(refused))
+    assert from_store(home.root, None, Reference.parse(f"{TASK}@doubtful")).name == f"{TASK}@1"
+    assert main(["store", "alias", TASK, "production", "1"]) == 1
+    assert "treewright approve" in capsys.readouterr().err
+    assert main(["approve", f"{TASK}@doubtful", "--by", "ann", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["version"], document["by"], document["aliases"]) == (1, "ann", ["latest"])
+    assert from_store(home.root, None, Reference.parse(TASK)).name == f"{TASK}@1"
+    assert learn(capsys)["aliases"] == ["latest"]
+
+
+def test_another_method_gets_an_alias_of_its_own_name(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
+    record(home, 1, 2, 3)
+    learn(capsys)
+    assert main(["learn", TASK, "--method", "paper", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["aliases"] in (["paper"], ["latest", "paper"])
+    with ArtifactStore(home.store) as store:
+        assert store.aliases(TASK)["latest"] == 1
 
 
 def test_learning_again_from_the_same_makes_no_new_version(home: Home, capsys: pytest.CaptureFixture[str]) -> None:

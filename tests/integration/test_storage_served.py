@@ -76,7 +76,7 @@ def test_a_controller_fetches_by_version_alias_or_neither(
     server, asker = sessions
     with StoreOnZenoh(server, store):
         assert fetch(asker, "kitting", version=1) == Fetched(
-            store.get("kitting", 1).xml, store.get("kitting", 1).manifest
+            store.get("kitting", 1).xml, json.loads(store.get("kitting", 1).served_json)
         )
         assert fetch(asker, "kitting", alias="latest").manifest["version"] == 3
         assert fetch(asker, "kitting").manifest["version"] == 3
@@ -96,7 +96,7 @@ def test_a_reply_is_xml_with_the_manifest_attached(
     assert str(sample.encoding) == "application/xml"
     assert str(sample.key_expr) == "treewright/artifacts/kitting"
     assert sample.payload.to_string() == store.get("kitting", 2).xml
-    assert sample.attachment.to_string() == store.get("kitting", 2).manifest_json
+    assert sample.attachment.to_string() == store.get("kitting", 2).served_json
 
 
 def test_a_key_with_wildcards_answers_for_every_task_that_has_it(
@@ -243,7 +243,7 @@ def test_http_lists_tasks_and_versions(http: httpx.Client) -> None:
 def test_http_answers_manifests_and_trees_by_version_and_alias(http: httpx.Client, store: ArtifactStore) -> None:
     artifact = store.get("kitting", 3)
     for ref in ("3", "latest"):
-        assert http.get(f"/v1/tasks/kitting/{ref}").json() == artifact.manifest
+        assert http.get(f"/v1/tasks/kitting/{ref}").json() == json.loads(artifact.served_json)
         for name, content, media_type in (
             ("tree.xml", artifact.xml, "application/xml"),
             ("tree.json", tree(0.3).to_json(), "application/json"),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sqlite3
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from storage.btcpp import from_xml, to_xml
 from storage.errors import (
     AliasRefusedError,
     DamagedError,
+    DoubtfulError,
     ManifestRefusedError,
     NotStoredError,
     StorageUnavailableError,
@@ -165,14 +168,89 @@ def test_an_alias_starts_with_a_letter(store: ArtifactStore) -> None:
         store.alias("kitting", "7", 1)
 
 
-def test_a_tree_with_a_counterexample_gets_no_alias_but_latest(store: ArtifactStore) -> None:
+def test_a_tree_with_a_counterexample_that_nobody_judged_gets_no_alias_but_doubtful(store: ArtifactStore) -> None:
     store.publish("kitting", tree(0.1), {"certificate": {"counterexample": ["A is covered"]}})
     store.publish("kitting", tree(0.2), {"certificate": {"counterexample": None}})
-    assert store.alias("kitting", "latest", 1)
+    assert store.alias("kitting", "doubtful", 1)
     assert store.alias("kitting", "production", 2)
-    with pytest.raises(AliasRefusedError, match="kitting@1 has a counterexample"):
-        store.alias("kitting", "production", 1)
-    assert store.aliases("kitting") == {"latest": 1, "production": 2}
+    for name in ("production", "latest"):
+        with pytest.raises(AliasRefusedError, match="kitting@1 has a counterexample"):
+            store.alias("kitting", name, 1)
+    assert store.aliases("kitting") == {"doubtful": 1, "production": 2}
+
+
+def test_a_judged_version_is_latest_or_doubtful(store: ArtifactStore) -> None:
+    for x in (0.1, 0.2):
+        store.publish("kitting", tree(x), {})
+    store.judge("kitting", 1, (), chosen_ns=10)
+    store.judge("kitting", 2, ("B has no place",), chosen_ns=20)
+    assert store.aliases("kitting") == {"doubtful": 2, "latest": 1}
+    assert store.get("kitting", 2).standing.doubtful == ("B has no place",)
+    assert [row["doubtful"] for row in store.versions("kitting")] == [["B has no place"], []]
+    store.judge("kitting", 2, (), chosen_ns=30)
+    assert store.aliases("kitting") == {"latest": 2}
+
+
+def test_what_becomes_doubtful_gives_latest_back(store: ArtifactStore) -> None:
+    for number, x in enumerate((0.1, 0.2, 0.3), start=1):
+        store.publish("kitting", tree(x), {})
+        store.judge("kitting", number, (), chosen_ns=number)
+    store.judge("kitting", 2, ("it is not proven",), chosen_ns=4)
+    store.judge("kitting", 3, ("it is not proven",), chosen_ns=5)
+    assert store.aliases("kitting") == {"doubtful": 3, "latest": 1}
+    store.judge("kitting", 1, ("it is not proven",), chosen_ns=6)
+    assert store.aliases("kitting") == {"doubtful": 1}
+    with pytest.raises(DoubtfulError, match="approve kitting@1"):
+        store.get("kitting")
+    assert [change.event for change in store.changes()][-1] == "unalias"
+
+
+def test_a_learner_that_was_slow_sets_nothing_back(store: ArtifactStore) -> None:
+    for x in (0.1, 0.2):
+        store.publish("kitting", tree(x), {})
+    store.judge("kitting", 2, (), chosen_ns=20)
+    store.judge("kitting", 1, (), chosen_ns=10)
+    assert store.aliases("kitting") == {"latest": 2}
+    store.judge("kitting", 1, (), chosen_ns=30)
+    assert store.aliases("kitting") == {"latest": 1}
+
+
+def test_a_person_approves_what_is_doubted_and_the_store_keeps_who_and_when(store: ArtifactStore) -> None:
+    store.publish("kitting", tree(0.1), {})
+    store.judge("kitting", 1, ("B has no place",), chosen_ns=10)
+    for name in ("latest", "production"):
+        with pytest.raises(AliasRefusedError, match=r"kitting@1 is doubtful .* B has no place"):
+            store.alias("kitting", name, 1)
+    assert store.approve("kitting", "doubtful", "ann")[0] == 1
+    assert store.aliases("kitting") == {"latest": 1}
+    (approval,) = store.get("kitting").standing.approved
+    assert approval["by"] == "ann"
+    assert abs(approval["stamp_ns"] - time.time_ns()) < 60e9
+    assert store.alias("kitting", "production", 1)
+    with pytest.raises(AliasRefusedError, match="nothing is doubted"):
+        store.approve("kitting", 1, "ann")
+
+
+def test_an_approval_covers_what_was_doubted_then_and_no_new_doubt(store: ArtifactStore) -> None:
+    store.publish("kitting", tree(0.1), {})
+    store.judge("kitting", 1, ("B has no place",), chosen_ns=10)
+    store.approve("kitting", 1, "ann")
+    store.judge("kitting", 1, ("B has no place",), chosen_ns=20)
+    assert store.aliases("kitting") == {"latest": 1}
+    store.judge("kitting", 1, ("B has no place", "C is turned alike"), chosen_ns=30)
+    assert store.aliases("kitting") == {"doubtful": 1}
+    assert store.get("kitting", 1).standing.doubtful == ("C is turned alike",)
+
+
+def test_a_database_of_an_earlier_version_gets_the_new_tables_when_it_is_read(store: ArtifactStore) -> None:
+    store.publish("kitting", tree(0.1), {})
+    store.alias("kitting", "latest", 1)
+    store.close()
+    with sqlite3.connect(store.root / "store.sqlite") as database:
+        database.execute("DROP TABLE standings")
+        database.execute("DROP TABLE approvals")
+    with ArtifactStore(store.root) as again:
+        assert again.get("kitting").standing.doubtful == ()
 
 
 def test_facts_that_the_store_states_itself_or_that_are_not_json_are_refused(store: ArtifactStore) -> None:
