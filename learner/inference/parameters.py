@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
+from learner.model.condition import DROP_HEIGHT_M, DROP_RADIUS_M, PLACE_RADIUS_M
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class InferenceParameters:
     """An object put down this near to where it was picked up has not been moved: a mistake put back."""
     left_alone_m: float = 0.02
     """What the task had moved before and is put down this near again was put back; further away, others may tell."""
-    drop_height_m: float = 0.03
+    drop_height_m: float = DROP_HEIGHT_M
     """Released from higher above its rest, an object was dropped; from lower, and landing tightly, placed."""
     least_drop_m: float = 0.01
     """Called a drop but released from lower above its rest than this, an object may have been placed."""

@@ -16,6 +16,10 @@ PLACE_RADIUS_M = 0.05
 DROP_RADIUS_M = 0.10
 """Radius of the vertical cylinder in which a dropped object counts as there (paper, section III-B)."""
 
+DROP_HEIGHT_M = 0.03
+"""Released from higher above where it comes to rest, an object was dropped: more than a hand's noise, less than a wall
+of a box."""
+
 
 @dataclass(frozen=True, order=True)
 class GripperIs:

@@ -27,6 +27,13 @@ class Freshness:
     carried_m: float = 0.02
     """An object that keeps its place relative to the held one within this is carried by it."""
 
+    fingers_s: float = 0.5
+    """So long before the gripper's state changes its fingers may have begun to move, the hand standing still."""
+    chatter_s: float = 0.25
+    """A state of the gripper that lasts less is no closing and no opening."""
+    moved_m: float = 0.03
+    """Without a button, what the hand moved less far than this was not picked up."""
+
     @property
     def window_ns(self) -> int:
         """The window [ns] over which poses are averaged, and in which something has to rest."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final, get_args
 
 import numpy as np
@@ -11,25 +12,28 @@ from learner.errors import DemonstrationRefusedError, NameRefusedError
 from learner.model import DemonstratedAction, Demonstration, Recording, check_name
 from learner.model.demonstration import Outcome
 from learner.model.pose import Vector
+from learner.observation.corrections import Correction, corrected, told
 from learner.observation.freshness import Freshness
-from learner.observation.presses import SIGNAL, Judgement, Numbered, judge_all, next_press_ns, standing
+from learner.observation.presses import SIGNAL, Judgement, Numbered, judge_all, next_press_ns
 from learner.observation.resting import released_ns, rest_ns, stale_position
+from learner.observation.segmenting import done_in
 from learner.observation.surroundings import surroundings_of
 
 NO_GRIPPER: Final = "the gripper's states were not recorded; actions are not checked by them"
 
 
 def observe(
-    recording: Recording, freshness: Freshness | None = None, presses: Sequence[Numbered] | None = None
+    recording: Recording, freshness: Freshness | None = None, corrections: Sequence[Correction] = ()
 ) -> Demonstration:
-    """The demonstration that a recording holds, by the presses that it leaves standing, or by others.
+    """The demonstration that a recording holds, by the presses that it leaves standing, else by hand.
 
-    `presses` are what a person made of them afterwards. Raises DemonstrationRefusedError, with the reason for the
+    `corrections` are what a person said of them afterwards. Raises DemonstrationRefusedError, with the reason for the
     quarantine, for a recording that breaks the contract: a bad name, no action, an object never seen, or a press that
     contradicts what was seen (see learner.observation.presses).
     """
-    left = standing(recording.presses) if presses is None else presses
-    return _Observer(recording, freshness or Freshness(), left).demonstration()
+    found, notes = done_in(recording, freshness)
+    noted = replace(recording, notes=(*recording.notes, *notes, *told(found, corrections)))
+    return _Observer(noted, freshness or Freshness(), corrected(found, corrections)).demonstration()
 
 
 class _Observer:
@@ -82,11 +86,12 @@ class _Observer:
             self._check_seen(name)
 
     def _nothing_done(self) -> str:
+        by_hand = "nor did the gripper close on anything that then moved with it"
         if self.presses:
-            return "nothing but signals was demonstrated; press pick, place or drop while recording"
+            return f"nothing but signals was demonstrated, {by_hand}; press pick, place or drop while recording"
         if self.recording.presses:
-            return "every action was taken back; press pick, place or drop while recording"
-        return "no action was demonstrated; press pick, place or drop while recording"
+            return f"every action was taken back, {by_hand}; press pick, place or drop while recording"
+        return f"no action was demonstrated, {by_hand}; press pick, place or drop while recording"
 
     def _check_seen(self, name: str) -> None:
         r = self.recording

@@ -10,7 +10,7 @@ import secrets
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,8 +19,7 @@ from learner.inference.labels import doubts
 from learner.inference.parameters import InferenceParameters
 from learner.model import Demonstration, Recording
 from learner.observation import observe
-from learner.observation.corrections import Correction, corrected, told
-from learner.observation.presses import standing
+from learner.observation.corrections import Correction
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from recorder.errors import RecorderError
@@ -200,11 +199,8 @@ class _Ingest:
 
     def _observed(self, recording: Recording) -> Demonstration:
         """By what a person corrected in it since, if it was in quarantine."""
-        pressed = standing(recording.presses)
         words = self.corrections.get(recording.demonstration_id, [])
-        corrections = [Correction(step, type_) for step, type_ in words]
-        notes = (*recording.notes, *told(pressed, corrections))
-        return observe(replace(recording, notes=notes), presses=corrected(pressed, corrections))
+        return observe(recording, corrections=[Correction(step, type_) for step, type_ in words])
 
     def _take_demonstration(self, demonstration: Demonstration, source: Source) -> None:
         """Raises ConflictError if its id is taken by other content, in the lake or in this pass."""

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from learner.model import Recording
 from learner.observation.corrections import Correction, Meant, corrected
-from learner.observation.presses import Judgement, Numbered, judge_all, standing
+from learner.observation.presses import Judgement, Numbered, judge_all
+from learner.observation.segmenting import done_in
 from learner.observation.surroundings import surroundings_of
 from pipelines.errors import CommandError
 from pipelines.home import Home
@@ -30,8 +31,8 @@ class QuarantinedDemonstration:
 
     @property
     def presses(self) -> list[Numbered]:
-        """Those that the recording leaves standing."""
-        return standing(self.recording.presses)
+        """Those that the recording leaves standing, else what was done by hand."""
+        return done_in(self.recording)[0]
 
     @property
     def judgements(self) -> list[Judgement]:

@@ -119,7 +119,10 @@ BREAKS: dict[str, tuple[Callable[[Take], Take], str]] = {
     "bad objects": (lambda take: take.saying(objects="A, box"), "objects"),
     "object never seen": (lambda take: take.saying(objects='["A", "box", "lid"]'), "lid was never seen"),
     "no end-effector": (lambda take: take.saying(end_effector_frame="flange"), "flange was never seen"),
-    "no action": (lambda take: take.with_presses([]), "no action was demonstrated"),
+    "no action": (
+        lambda take: take.with_presses([]).without(lambda message: message[1] != "/gripper"),
+        "no action was demonstrated, nor did the gripper close on anything",
+    ),
     "picked while holding": (picked_twice, "picks while A is held"),
     "no fresh pose": (early, "no fresh pose"),
     "contradicts the gripper": (against_the_gripper, "contradicts the gripper"),

@@ -361,7 +361,7 @@ def test_an_unknown_outcome_is_refused() -> None:
 
 
 def test_a_recording_without_an_action_is_refused() -> None:
-    assert "no action" in refusal(told().recording(presses=()))
+    assert "no action" in refusal(told().recording(presses=(), gripper=()))
 
 
 @pytest.mark.parametrize(("missing", "what"), [("box", "object box"), (TOOL, "end-effector frame tool0")])
