@@ -16,7 +16,7 @@ COMMANDS: Final = {
     "record": "the recorder daemon of a cell",
     "demonstrate": "the operator's buttons: start, pick, place, drop, stop, ...",
     "sim": "a simulated cell: poses, gripper, skills",
-    "import": "YAML demonstrations of matiov/learn-BTs-from-demo become recordings",
+    "import": "YAML demonstrations of matiov/learn-BTs-from-demo, and rosbag2, become recordings",
     "ingest": "recordings to the lake",
     "demos": "what was demonstrated, and leaving one out",
     "learn": "cluster, infer, plan, verify and publish the tree of a task",

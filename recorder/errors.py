@@ -9,7 +9,7 @@ RecorderError
 ├── RequestRefusedError             a request on recorder/**; its sentence is the error reply
 ├── SecondRecorderError             another recorder serves this cell
 ├── DiskError                       no room, or no right to write; may pass
-└── ImportRefusedError              a folder of YAML demonstrations that cannot become recordings
+└── ImportRefusedError              a folder of YAML demonstrations, or a bag, that cannot become recordings
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class DiskError(RecorderError):
 
 
 class ImportRefusedError(RecorderError):
-    """A folder or file of YAML demonstrations that is broken or is none."""
+    """A folder or file of YAML demonstrations, or a bag, that is broken or lacks what is needed."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path} cannot be imported: {reason}")
