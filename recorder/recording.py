@@ -28,6 +28,8 @@ from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.opcode import Opcode
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     ChunkIndex,
     DataEnd,
@@ -270,7 +272,8 @@ class RecordingWriter:
     Raises OSError as the file system does; RecorderError if the file exists or reads back otherwise than written.
     """
 
-    def __init__(self, file: Path, demonstrated: Demonstrated) -> None:
+    def __init__(self, file: Path, demonstrated: Demonstrated, header: Header | None = None) -> None:
+        """`header` tells whose file is written anew: its profile and library are kept."""
         self.file, self.demonstrated = file, demonstrated
         self.unfinished = file.with_name(file.name + UNFINISHED)
         if file.exists():
@@ -283,7 +286,7 @@ class RecordingWriter:
         self._crc = 0
         self._offset = 0
         self._ids: dict[tuple[str, str], int] = {}
-        self._begin()
+        self._begin(header or Header(profile="", library=LIBRARY))
 
     def __enter__(self) -> Self:
         return self
@@ -317,8 +320,11 @@ class RecordingWriter:
         if (topic, encoding) not in self._ids:
             self._ids[topic, encoding] = len(self._ids) + 1
             self.add_channel(self._ids[topic, encoding], topic, encoding)
-        publish = log_ns if publish_ns is None else publish_ns
-        self._batch.add(self._ids[topic, encoding], sequence, log_ns, publish, payload)
+        self.append(self._ids[topic, encoding], sequence, log_ns, log_ns if publish_ns is None else publish_ns, payload)
+
+    def append(self, channel: int, sequence: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
+        """Append a message of a channel that was told before; times in [ns]."""
+        self._batch.add(channel, sequence, log_ns, publish_ns, payload)
         if self._batch.size_bytes >= CHUNK_BYTES:
             self.close_chunk()
 
@@ -358,6 +364,14 @@ class RecordingWriter:
         self._record(metadata)
         self._summary.metadata.append(MetadataIndex(offset=offset, length=self._offset - offset, name=metadata.name))
 
+    def adopt_attachment(self, attachment: Attachment) -> None:
+        """Write an attachment as it is."""
+        offset, a = self._offset, attachment
+        self._record(attachment)
+        length = self._offset - offset
+        index = AttachmentIndex(offset, length, a.log_time, a.create_time, len(a.data), a.name, a.media_type)
+        self._summary.attachments.append(index)
+
     def write_batch(self, batch: Batch) -> None:
         """Write a batch of at least one message as one chunk; its channels were told before."""
         packed, offset = pack_chunk(batch, self._compressor), self._offset
@@ -372,7 +386,7 @@ class RecordingWriter:
         """Close, make durable, verify by reading back, rename. The record of what was demonstrated is written last."""
         self.close_chunk()
         self._metadata(demonstrated or self.demonstrated)
-        self._write(self._summary.tail(self._offset))
+        self._write(self._summary.tail(self._offset, self._crc))
         os.fsync(self._stream.fileno())
         self._forget_cached()
         self._stream.close()
@@ -393,9 +407,9 @@ class RecordingWriter:
             raise RecorderError(f"{self.unfinished} reads back otherwise than it was written; check the disk")
         return digest.hexdigest()
 
-    def _begin(self) -> None:
+    def _begin(self, header: Header) -> None:
         self._write(records.MAGIC)
-        self._record(Header(profile="", library=LIBRARY))
+        self._record(header)
         self._metadata(replace(self.demonstrated, outcome="unknown"))
         self.sync()
         sync_folder(self.file.parent)
@@ -435,6 +449,7 @@ class _Summary:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[ChunkIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=lambda: defaultdict(int))
 
     def add_chunk(self, packed: PackedChunk, offset: int) -> None:
@@ -450,7 +465,7 @@ class _Summary:
 
     def statistics(self) -> Statistics:
         return Statistics(
-            attachment_count=0,
+            attachment_count=len(self.attachments),
             channel_count=len(self.channels),
             channel_message_counts=dict(self.counts),
             chunk_count=len(self.chunks),
@@ -461,15 +476,18 @@ class _Summary:
             schema_count=len(self.schemas),
         )
 
-    def tail(self, offset: int) -> bytes:
-        """The data section's end, the summary and the footer, for a data section that ends at `offset` [bytes]."""
-        data_end = records.packed(DataEnd(data_section_crc=0))
+    def tail(self, offset: int, crc: int) -> bytes:
+        """The data section's end, the summary and the footer, for a data section that ends at `offset` [bytes] and has
+        this checksum.
+        """
+        data_end = records.packed(DataEnd(data_section_crc=crc))
         start = offset + len(data_end)
         groups: dict[Opcode, Sequence[Any]] = {
             Opcode.SCHEMA: list(self.schemas.values()),
             Opcode.CHANNEL: list(self.channels.values()),
             Opcode.STATISTICS: [self.statistics()],
             Opcode.CHUNK_INDEX: self.chunks,
+            Opcode.ATTACHMENT_INDEX: self.attachments,
             Opcode.METADATA_INDEX: self.metadata,
         }
         summary, offsets = b"", []

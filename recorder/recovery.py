@@ -1,12 +1,13 @@
-"""Completing torn recordings from their whole chunks.
+"""Completing torn and damaged recordings from what is whole in them.
 
-The torn file is only read. A copy takes over every whole record, gets the end that is missing, is read back and
-verified, and says in its metadata that it was recovered. What is not a plain torn end is nobody's to guess about.
+The file is only read. A copy takes over every whole record, gets the end that is missing, is read back and verified,
+and says in its metadata that it was recovered, and what is gone.
 """
 
 from __future__ import annotations
 
 import fcntl
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,12 +16,11 @@ from pathlib import Path
 from typing import Final
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Metadata, Schema
 
 from recorder import records
-from recorder.chunks import Batch
 from recorder.errors import NotARecordingError, RecorderError, SecondRecorderError, TornRecordingError
-from recorder.recording import DEMONSTRATION, UNFINISHED, Demonstrated, Finished, RecordingWriter, sync_folder
+from recorder.recording import UNFINISHED, Finished, RecordingWriter, messages, sync_folder
+from recorder.salvage import Salvage
 
 TORN, QUARANTINE = "torn", "quarantine"
 """Folders beside the recordings: originals that were completed, and files that are damaged otherwise."""
@@ -31,20 +31,26 @@ LOCK: Final = ".recorder.lock"
 
 @dataclass(frozen=True)
 class Recovered:
-    """A torn file and what became of it; `cut_bytes` at its end belonged to no whole record."""
+    """A torn or damaged file, what became of it, and what is `gone`: sentences, none where only an end is missing."""
 
     torn: Path
     finished: Finished
     cut_bytes: int
+    """Bytes at its end that belonged to no whole record."""
+    gone: tuple[str, ...] = ()
 
 
 def recover(torn: Path, file: Path) -> Recovered:
-    """Complete `torn` as `file`; `torn` is left as it is.
+    """Write all that is whole in `torn` as `file`; `torn` is left as it is.
 
-    Raises NotARecordingError for damage that is no torn end and for a file without the metadata record, RecorderError
-    if the file is whole or `file` exists, OSError as the file system does.
+    What lies before and behind a damaged chunk is kept, with the channels, attachments, metadata, profile and library;
+    messages that stood outside of chunks are put into some. The copy is read again before it gets its name.
+
+    Raises NotARecordingError for a file without the metadata record, RecorderError if the file is whole or `file`
+    exists, OSError as the file system does.
     """
-    demonstrated = _last_demonstrated(torn)
+    salvage = Salvage(torn)
+    demonstrated = salvage.demonstrated()
     if file.exists():
         raise RecorderError(f"{file} exists already; a recording is never overwritten")
     copy = file.with_name(file.name + RECOVERING)
@@ -53,79 +59,24 @@ def recover(torn: Path, file: Path) -> Recovered:
         left.unlink(missing_ok=True)  # of a recovery that was itself cut off
     with ExitStack() as undo:
         undo.callback(unfinished.unlink, missing_ok=True)
-        writer = undo.enter_context(RecordingWriter(copy, demonstrated))
-        end = _copy(torn, writer)
+        writer = undo.enter_context(RecordingWriter(copy, demonstrated, salvage.header))
+        salvage.copy(writer)
         lost = dict.fromkeys(writer.messages)
         more = {**demonstrated.more, "recovered": "true"}
+        if salvage.gone:
+            more["gone"] = json.dumps(salvage.gone)
         finished = writer.finish(replace(demonstrated, messages_lost=lost, more=more))
+    _check(copy, finished)
     copy.rename(file)
     sync_folder(file.parent)
-    return Recovered(torn, replace(finished, file=file), torn.stat().st_size - end)
+    return Recovered(torn, replace(finished, file=file), salvage.cut_bytes, tuple(salvage.gone))
 
 
-def _last_demonstrated(torn: Path) -> Demonstrated:
-    """What a torn file says of itself, every record of it checked."""
-    last: Metadata | None = None
-    try:
-        for record in records.walk(torn):
-            parsed = records.parse(torn, record)
-            if isinstance(parsed, Metadata) and parsed.name == DEMONSTRATION:
-                last = parsed
-    except TornRecordingError:
-        if last is None:
-            raise NotARecordingError(torn, f"it is torn before its metadata record {DEMONSTRATION}") from None
-        return Demonstrated.from_metadata(torn, last.metadata)
-    raise RecorderError(f"{torn} is whole; there is nothing to recover")
-
-
-def _copy(torn: Path, writer: RecordingWriter) -> int:
-    """Take over what is whole; returns where that ends [bytes]."""
-    end, schemas = 0, dict[int, Schema]()
-    try:
-        for record in records.walk(torn):
-            if record.opcode == Opcode.DATA_END:
-                # What follows is the summary, which is written anew.
-                break
-            try:
-                _take_over(torn, record, writer, schemas)
-            except NotARecordingError:
-                if _ends_in_zeros(torn, record):
-                    return end
-                raise
-            end = record.end
-    except TornRecordingError:
-        # The reason why we are here.
-        return end
-    return end
-
-
-def _ends_in_zeros(torn: Path, record: records.Record) -> bool:
-    """Whether a record, and all after it, ends in zeros that its system never replaced, as after a power cut."""
-    with torn.open("rb") as stream:
-        stream.seek(record.end - 1)
-        return not any(block.strip(b"\0") for block in iter(lambda: stream.read(1 << 20), b""))
-
-
-def _take_over(torn: Path, record: records.Record, writer: RecordingWriter, schemas: dict[int, Schema]) -> None:
-    if record.opcode == Opcode.CHUNK:
-        contents = records.unpack(torn, record)
-    elif record.opcode == Opcode.MESSAGE:
-        contents = [records.message(torn, record)]
-    else:
-        parsed = records.parse(torn, record)
-        contents = [] if parsed is None else [parsed]
-    batch = Batch()
-    for found in contents:
-        if isinstance(found, Schema):
-            schemas[found.id] = found
-        elif isinstance(found, Channel):
-            writer.adopt(found, schemas.get(found.schema_id))
-        elif isinstance(found, Message):
-            batch.add(found.channel_id, found.sequence, found.log_time, found.publish_time, found.data)
-        elif isinstance(found, Metadata) and found.name != DEMONSTRATION:
-            writer.adopt_metadata(found)
-    if len(batch):
-        writer.write_batch(batch)
+def _check(copy: Path, finished: Finished) -> None:
+    """Read the copy as anybody would. Raises RecorderError where it holds other messages than were written."""
+    found = Counter(channel.topic for channel, _ in messages(copy))
+    if dict(sorted(found.items())) != dict(finished.messages):
+        raise RecorderError(f"{copy} does not hold what was recovered; check the disk")
 
 
 @contextmanager
@@ -170,7 +121,8 @@ def _recover_one(unfinished: Path) -> tuple[str, str]:
     except (OSError, RecorderError) as error:
         return "failed", f"{unfinished} could not be recovered and stays as it is: {error}"
     total = sum(recovered.finished.messages.values())
-    return "recovered", f"{file} was torn and is completed with {total} messages; the torn original is {kept}"
+    gone = "".join(f"; {sentence}" for sentence in recovered.gone)
+    return "recovered", f"{file} was torn and is completed with {total} messages; the torn original is {kept}{gone}"
 
 
 def _is_whole(file: Path) -> bool:

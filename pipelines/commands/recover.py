@@ -1,4 +1,4 @@
-"""`treewright recover`: complete a torn recording from its whole chunks."""
+"""`treewright recover`: complete a torn or damaged recording from what is whole in it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
-    """Write the completed recording. `--json`: `file`, `messages` by topic, `sha256`, `cut_bytes`."""
+    """Write what is whole. `--json`: `file`, `messages` by topic, `sha256`, `cut_bytes`, `gone`: sentences."""
     from recorder.recovery import recover
 
     torn = arguments.file.absolute()
@@ -26,12 +26,15 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     console.say(
         f"{done.finished.file}: {total} messages saved, {done.cut_bytes} bytes at the torn end were no whole chunk"
     )
+    for sentence in done.gone:
+        console.say(f"gone: {sentence}")
     console.emit(
         {
             "file": str(done.finished.file),
             "messages": dict(done.finished.messages),
             "sha256": done.finished.sha256,
             "cut_bytes": done.cut_bytes,
+            "gone": list(done.gone),
         }
     )
     return 0

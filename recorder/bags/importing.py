@@ -24,9 +24,8 @@ from learner.model.poses import Poses
 from recorder.bags.bag import TEXT, TF, Bag, Topic, opened
 from recorder.bags.grippers import Meaning
 from recorder.bags.transforms import NoChainError, Stamps, Transforms, by_stamp
-from recorder.chunks import Batch
 from recorder.errors import ImportRefusedError
-from recorder.recording import CHUNK_BYTES, Demonstrated, RecordingWriter
+from recorder.recording import Demonstrated, RecordingWriter
 from recorder.wire import ACTION, GRIPPER, POSES, pose_message
 from recorder.yaml_import import CELL, Imported, Skipped
 
@@ -202,7 +201,6 @@ def _write(file: Path, demonstrated: Demonstrated, bag: Bag, scene: _Scene) -> N
     with RecordingWriter(file, demonstrated) as writer:
         for name, number in foreign.items():
             _tell(writer, number, bag.topics[name])
-        kept = _Kept(writer)
         ours, theirs = _ours(bag, scene), bag.raw(set(bag.topics))
         merged = heapq.merge(
             ((stamp_ns, 0, topic, data) for stamp_ns, topic, data in ours),
@@ -211,10 +209,9 @@ def _write(file: Path, demonstrated: Demonstrated, bag: Bag, scene: _Scene) -> N
         )
         for stamp_ns, rank, topic, data in merged:
             if rank:
-                kept.add(foreign[topic], stamp_ns, data)
+                writer.append(foreign[topic], 0, stamp_ns, stamp_ns, data)
             else:
                 writer.write(topic, data, stamp_ns)
-        kept.close()
         writer.finish()
 
 
@@ -233,23 +230,6 @@ def _tell(writer: RecordingWriter, number: int, topic: Topic) -> None:
     schema = Schema(id=number, name=topic.type, encoding=topic.definition_format, data=topic.definition.encode())
     channel = Channel(number, name, "cdr", {}, number if topic.definition else 0)
     writer.adopt(channel, schema if topic.definition else None)
-
-
-class _Kept:
-    """What is kept as it is, gathered to chunks."""
-
-    def __init__(self, writer: RecordingWriter) -> None:
-        self._writer, self._batch = writer, Batch()
-
-    def add(self, channel: int, stamp_ns: int, data: bytes) -> None:
-        self._batch.add(channel, 0, stamp_ns, stamp_ns, data)
-        if self._batch.size_bytes >= CHUNK_BYTES:
-            self.close()
-
-    def close(self) -> None:
-        batch, self._batch = self._batch, Batch()
-        if len(batch):
-            self._writer.write_batch(batch)
 
 
 def _json(document: dict[str, object]) -> bytes:
