@@ -561,6 +561,24 @@ def sort_parts(files: Sequence[Path]) -> list[Path]:
     return ordered
 
 
+def all_parts(files: Sequence[Path]) -> list[Path]:
+    """The parts of one demonstration in their order; of a single part given, those that lie beside it too.
+
+    Raises as `sort_parts`.
+    """
+    first = read_header(files[0])
+    if len(files) > 1 or first.part is None:
+        return sort_parts(files)
+    return sort_parts([file for file in sorted(files[0].parent.glob("*.mcap")) if _is_part(file, first)] or files)
+
+
+def _is_part(file: Path, of: Demonstrated) -> bool:
+    try:
+        return read_header(file).demonstration_id == of.demonstration_id
+    except (RecorderError, OSError):
+        return False  # whatever it is, it is no part of this one
+
+
 def read_recording(paths: Sequence[Path]) -> Recording:
     """The recording in one file, or in the parts of a split one (given in any order).
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,16 +14,25 @@ from typing import Final
 import zenoh
 import zenoh.ext as ze
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
 from learner.model import check_name
 from recorder.errors import RecorderError
 from recorder.recording import messages
-from recorder.wire import ACTION, ACTION_ENCODING, GRIPPER, GRIPPER_ENCODING, NS, POSES, POSES_ENCODING
+from recorder.wire import ACTION, ACTION_ENCODING, ATTACHMENT, GRIPPER, GRIPPER_ENCODING, NS, POSES, POSES_ENCODING
 
 CACHE_SAMPLES: Final = 20_000
+CACHE_BYTES: Final = 4 << 20
+"""A publisher's cache holds no more samples than about fill this."""
 HEARTBEAT_S: Final = 0.5
+BACK_NS: Final = NS // 2
+"""Messages may have been recorded out of order by so much [ns]; ..."""
+STEPPED: Final = 3
+"""... so many in a row that are further back are a step of the clock."""
 _ENCODINGS: Final = {POSES: POSES_ENCODING, GRIPPER: GRIPPER_ENCODING, ACTION: ACTION_ENCODING}
+Say = Callable[[str], None]
+"""Gets a sentence about what is odd, when it comes."""
 
 
 @dataclass(frozen=True)
@@ -32,108 +41,178 @@ class Replay:
 
     Every payload is published byte for byte, so that what is recorded again is the same demonstration at any rate.
     With `restamp` the stamps inside poses, gripper and actions are moved to the time and rate of the replay instead.
+    A gap longer than `max_gap_s` [s] of the recording is shortened to that.
     """
 
     rate: float = 1.0
     start_s: float = 0.0
     loops: int | None = 1
     restamp: bool = False
+    max_gap_s: float = 5.0
 
 
 @dataclass(frozen=True)
 class _Timed:
     channel: Channel
     log_ns: int
+    since_begin_ns: int
+    """How long after the first message it is due, gaps shortened."""
     payload: bytes
+    attachment: bytes | None
 
 
 def replay(
-    session: zenoh.Session, cell: str, file: Path, how: Replay, stopped: threading.Event
+    session: zenoh.Session, cell: str, files: Sequence[Path], how: Replay, stopped: threading.Event, say: Say
 ) -> Iterator[dict[str, int]]:
-    """Publish the recording below the cell's keys, and yield after each loop how many messages of each topic went out.
+    """Publish a recording below the cell's keys, and yield after each loop how many messages of each topic went out.
 
-    Log times give the timing; messages are sorted by them, because a recorder may have had some late. Ends early when
-    `stopped` is set. Raises RecordingError as the reader does, NameRefusedError for a bad cell, RecorderError if there
-    is nothing to replay.
+    `files` are the parts of one demonstration in their order. Messages keep the order of the file, log times give the
+    timing. It is read as it is played, so that memory does not grow with it. A topic that is no key is left out and
+    told. Ends early when `stopped` is set. Raises RecordingError as the reader does, NameRefusedError for a bad cell,
+    RecorderError if there is nothing to replay.
     """
     check_name("cell", cell)
-    timed = _timed(file, how.start_s)
-    with ExitStack() as opened:
-        publishers = {
-            _key(cell, message.channel): opened.enter_context(_publisher(session, cell, message.channel))
-            for message in {message.channel.id: message for message in timed}.values()
-        }
-        loop = 0
+    loop = 0
+    with _Publishers(session, cell, say) as publishers:
         while not stopped.is_set() and (how.loops is None or loop < how.loops):
             loop += 1
-            yield _once(cell, timed, publishers, how, stopped)
+            timed = _timed(files, how, say if loop == 1 else _nobody)
+            sent = _once(timed, publishers, how, stopped)
+            if publishers.nothing and not stopped.is_set():
+                raise RecorderError(f"{files[0]} has no messages to replay after {how.start_s:g} s")
+            yield sent
 
 
-def _timed(file: Path, start_s: float) -> list[_Timed]:
-    found = [_Timed(channel, message.log_time, message.data) for channel, message in messages(file)]
-    found.sort(key=lambda message: message.log_ns)
-    begin_ns = found[0].log_ns + int(start_s * NS) if found else 0
-    kept = [message for message in found if message.log_ns >= begin_ns]
-    if not kept:
-        raise RecorderError(f"{file} has no messages to replay after {start_s:g} s")
-    return kept
+def _nobody(_: str) -> None:
+    """What was told in the first loop is not told again."""
 
 
-def _key(cell: str, channel: Channel) -> tuple[str, str]:
-    encoding = channel.metadata.get("zenoh_encoding") or _ENCODINGS.get(channel.topic, "zenoh/bytes")
-    return f"treewright/{cell}/{channel.topic.strip('/')}", encoding
+def _timed(files: Sequence[Path], how: Replay, say: Say) -> Iterator[_Timed]:
+    """The messages in the order of the file, each with when it is due."""
+    course, begin_ns = _Course(int(how.max_gap_s * NS), say), -1
+    attached: tuple[int, bytes] | None = None
+    for channel, message in (found for file in files for found in messages(file)):
+        log_ns = message.log_time
+        begin_ns = log_ns + int(how.start_s * NS) if begin_ns < 0 else begin_ns
+        if log_ns < begin_ns and not course.stepped:
+            continue
+        if channel.topic.endswith(ATTACHMENT):
+            attached = log_ns, message.data
+            continue
+        attachment = attached[1] if attached and attached[0] == log_ns else None
+        attached = None
+        yield _Timed(channel, log_ns, course.due_ns(log_ns), message.data, attachment)
 
 
-def _publisher(session: zenoh.Session, cell: str, channel: Channel) -> ze.AdvancedPublisher:
-    key, encoding = _key(cell, channel)
-    if set(channel.topic) & set("*$?#"):
-        raise RecorderError(f"the topic {channel.topic!r} is a pattern and no key; it is not published")
-    try:
-        return ze.declare_advanced_publisher(
-            session,
-            key,
-            encoding=encoding,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            cache=ze.CacheConfig(CACHE_SAMPLES),
-            sample_miss_detection=ze.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
-            publisher_detection=True,
-        )
-    except zenoh.ZError as error:
-        raise RecorderError(f"the topic {channel.topic!r} cannot be published below {cell}: {error}") from error
+class _Course:
+    """From log times, in the order of the file, to when each message is due, which never goes back by more than what
+    was recorded out of order.
+    """
+
+    def __init__(self, max_gap_ns: int, say: Say) -> None:
+        self._max_gap_ns, self._say = max_gap_ns, say
+        self._last_ns, self._offset_ns, self._behind = 0, 0, 0
+        self.begun = self.stepped = False
+
+    def due_ns(self, log_ns: int) -> int:
+        """How long after the first message [ns] the next one is due."""
+        if not self.begun:
+            self.begun, self._last_ns, self._offset_ns = True, log_ns, log_ns
+        ahead_ns = log_ns - self._last_ns
+        if ahead_ns > self._max_gap_ns:
+            self._say(f"a gap of {ahead_ns / NS:.1f} s is shortened to {self._max_gap_ns / NS:g} s")
+            self._offset_ns += ahead_ns - self._max_gap_ns
+        self._behind = self._behind + 1 if ahead_ns < -BACK_NS else 0
+        if self._behind >= STEPPED:
+            self._say(f"the log's clock steps back by {-ahead_ns / NS:.1f} s; the file's order is kept")
+            self._offset_ns += ahead_ns
+            self._last_ns, self._behind, self.stepped = log_ns, 0, True
+        self._last_ns = max(self._last_ns, log_ns)
+        return log_ns - self._offset_ns
 
 
-def _once(
-    cell: str,
-    timed: list[_Timed],
-    publishers: dict[tuple[str, str], ze.AdvancedPublisher],
-    how: Replay,
-    stopped: threading.Event,
-) -> dict[str, int]:
+class _Publishers:
+    """A publisher for each key, declared when its first message comes; a context manager."""
+
+    def __init__(self, session: zenoh.Session, cell: str, say: Say) -> None:
+        self._session, self._cell, self._say = session, cell, say
+        self._publishers: dict[tuple[str, str], ze.AdvancedPublisher | None] = {}
+        self._opened = ExitStack()
+        self.nothing = True
+        """Whether no message went out yet."""
+
+    def __enter__(self) -> _Publishers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._opened.close()
+
+    def put(self, message: _Timed, payload: bytes) -> bool:
+        """Publish; False where the topic is no key."""
+        channel = message.channel
+        key = channel.topic, channel.metadata.get("zenoh_encoding") or _ENCODINGS.get(channel.topic, "zenoh/bytes")
+        if key not in self._publishers:
+            self._publishers[key] = self._declared(*key, len(payload))
+        if (publisher := self._publishers[key]) is None:
+            return False
+        publisher.put(payload, attachment=message.attachment)
+        self.nothing = False
+        return True
+
+    def _declared(self, topic: str, encoding: str, size: int) -> ze.AdvancedPublisher | None:
+        if set(topic) & set("*$?#"):
+            self._say(f"the topic {topic!r} is a pattern and no key; its messages are left out")
+            return None
+        try:
+            publisher = ze.declare_advanced_publisher(
+                self._session,
+                f"treewright/{self._cell}/{topic.strip('/')}",
+                encoding=encoding,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                cache=ze.CacheConfig(max(1, min(CACHE_SAMPLES, CACHE_BYTES // max(size, 1)))),
+                sample_miss_detection=ze.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
+                publisher_detection=True,
+            )
+        except zenoh.ZError:
+            self._say(f"the topic {topic!r} is no key below {self._cell}; its messages are left out")
+            return None
+        return self._opened.enter_context(publisher)
+
+
+def _once(timed: Iterator[_Timed], publishers: _Publishers, how: Replay, stopped: threading.Event) -> dict[str, int]:
     sent: dict[str, int] = {}
-    first_ns, begun_s, begun_ns = timed[0].log_ns, time.monotonic(), time.time_ns()
-
-    def move(stamp_ns: int) -> int:
-        return begun_ns + int((stamp_ns - first_ns) / how.rate)
-
+    begun_s, begun_ns = time.monotonic(), time.time_ns()
     for message in timed:
-        due_s = begun_s + (message.log_ns - first_ns) / NS / how.rate
-        if stopped.wait(max(0.0, due_s - time.monotonic())):
+        due_ns = int(message.since_begin_ns / how.rate)
+        if stopped.wait(max(0.0, begun_s + due_ns / NS - time.monotonic())):
             break
-        payload = _restamped(message, move) if how.restamp else message.payload
-        publishers[_key(cell, message.channel)].put(payload)
-        sent[message.channel.topic] = sent.get(message.channel.topic, 0) + 1
+        shift_ns = begun_ns + due_ns - message.log_ns
+        payload = _restamped(message, shift_ns, how.rate) if how.restamp else message.payload
+        if publishers.put(message, payload):
+            sent[message.channel.topic] = sent.get(message.channel.topic, 0) + 1
     return dict(sorted(sent.items()))
 
 
-def _restamped(message: _Timed, move: Callable[[int], int]) -> bytes:
-    """The payload with its stamps moved; one that is not of the contract stays as it is."""
-    if message.channel.topic == POSES:
-        transforms = FrameTransforms.FromString(message.payload)
-        for transform in transforms.transforms:
-            stamp = transform.timestamp
-            stamp.seconds, stamp.nanos = divmod(move(stamp.seconds * NS + stamp.nanos), NS)
-        return transforms.SerializeToString()
-    if message.channel.topic in (GRIPPER, ACTION):
-        content = json.loads(message.payload)
-        return json.dumps({**content, "stamp_ns": move(content["stamp_ns"])}).encode()
+def _restamped(message: _Timed, shift_ns: int, rate: float) -> bytes:
+    """The payload with its stamps moved as its log time is; one that is not of the contract stays as it is."""
+
+    def moved(stamp_ns: int) -> int:
+        return message.log_ns + shift_ns + int((stamp_ns - message.log_ns) / rate)
+
+    try:
+        if message.channel.topic == POSES:
+            return _moved_poses(message.payload, moved)
+        if message.channel.topic in (GRIPPER, ACTION):
+            content = json.loads(message.payload)
+            return json.dumps({**content, "stamp_ns": moved(content["stamp_ns"])}).encode()
+    except (DecodeError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        return message.payload
     return message.payload
+
+
+def _moved_poses(payload: bytes, moved: Callable[[int], int]) -> bytes:
+    transforms = FrameTransforms.FromString(payload)
+    for transform in transforms.transforms:
+        stamp = transform.timestamp
+        stamp.seconds, stamp.nanos = divmod(moved(stamp.seconds * NS + stamp.nanos), NS)
+    return transforms.SerializeToString()

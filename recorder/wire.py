@@ -29,6 +29,9 @@ ROOT: Final = "treewright"
 POSES, GRIPPER, ACTION = "/poses", "/gripper", "/action"
 SIGNALS: Final = "/signals/"
 """Begins the topic of every signal."""
+ATTACHMENT: Final = "/@attachment"
+"""Behind a topic: the attachments of its samples, each just before its sample and with the same times. No key ends so,
+since chunks with `@` are not recorded."""
 ESSENTIAL: Final = (POSES, GRIPPER, ACTION)
 """The topics that learning needs."""
 NOT_RECORDED: Final = ("recorder", "skills")

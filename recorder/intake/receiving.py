@@ -21,7 +21,18 @@ from recorder.intake.channels import KEPT, MOST, Channels
 from recorder.intake.ledger import Ledger, Loss, Source
 from recorder.intake.waiting import Intake, PreRoll
 from recorder.notices import Notices
-from recorder.wire import ACTION, ACTION_ENCODING, ESSENTIAL, GRIPPER, NOT_RECORDED, NS, POSES, SIGNALS, listed
+from recorder.wire import (
+    ACTION,
+    ACTION_ENCODING,
+    ATTACHMENT,
+    ESSENTIAL,
+    GRIPPER,
+    NOT_RECORDED,
+    NS,
+    POSES,
+    SIGNALS,
+    listed,
+)
 
 MOST_ROUTES: Final = 10_000
 """More keys than these are looked at anew in the next recording."""
@@ -29,6 +40,8 @@ NO_CHANNEL: Final = (
     f"a message is not recorded, because its key is not among the first {MOST - KEPT}, and a file holds no more; "
     "leave keys out with --exclude"
 )
+ATTACHED: Final = "zenoh/bytes"
+"""The encoding under which attachments are kept: they tell none."""
 OURSELVES: Final[Source] = ("the recorder", 0)
 """The source of the actions that are pressed at the recorder itself: their numbers have no gaps."""
 _PUT: Final = zenoh.SampleKind.PUT
@@ -219,7 +232,7 @@ class Receiver:
                     publish_ns = log_ns if stamp is None else stamp.get_time_as_ntp64().as_nanos()
                     number = 0 if info is None else info.source_sn
                     encoding, payload = str(sample.encoding), sample.payload.to_bytes()
-                    self._keep(route, encoding, number, None, log_ns, publish_ns, payload)
+                    self._keep(route, encoding, number, None, log_ns, publish_ns, payload, sample.attachment)
 
     def _is_latched(self, route: Route, newest: zenoh.Sample) -> bool:
         info, stamp = newest.source_info, newest.timestamp
@@ -258,7 +271,8 @@ class Receiver:
                     self.ledger.began_late(source, number + 1)
                     return
             if sample.kind == _PUT:
-                self._keep(route, str(sample.encoding), number, source, log_ns, publish_ns, payload)
+                encoding, attachment = str(sample.encoding), sample.attachment
+                self._keep(route, encoding, number, source, log_ns, publish_ns, payload, attachment)
 
     def _keep(
         self,
@@ -269,6 +283,7 @@ class Receiver:
         log_ns: int,
         publish_ns: int,
         payload: bytes,
+        attachment: zenoh.ZBytes | None,
     ) -> None:
         self.received_bytes += len(payload)
         if route.poses:
@@ -278,6 +293,8 @@ class Receiver:
             if route.early and (channel := route.channels.get(encoding) or self._channel(route, encoding)):
                 self._pre_roll.add(channel, number, log_ns, publish_ns, payload)
         elif not self._paused:
+            if attachment is not None:
+                self._keep_attachment(route, number, log_ns, publish_ns, attachment.to_bytes(), intake)
             channel = route.channels.get(encoding) or self._channel(route, encoding)
             if channel and intake.add(channel, number, log_ns, publish_ns, payload, route.essential, route.action):
                 self.counts[route.topic] = self.counts.get(route.topic, 0) + 1
@@ -287,6 +304,14 @@ class Receiver:
             self._on_early((route.topic, log_ns, payload))
         elif route.action:
             self._on_action(Arrival(log_ns, payload, intake is not None and not self._paused))
+
+    def _keep_attachment(
+        self, route: Route, number: int, log_ns: int, publish_ns: int, attachment: bytes, intake: Intake
+    ) -> None:
+        """Beside its sample, on a channel of its own; other middleware puts its sender and numbers there."""
+        channel = self.channels.number(f"{route.topic}{ATTACHMENT}", ATTACHED, route.essential)
+        if not channel or not intake.add(channel, number, log_ns, publish_ns, attachment, route.essential, False):
+            self._notices.add(f"the attachments of samples on {route.topic} are not recorded: there is no room")
 
     def record_press(self, payload: bytes) -> int | None:
         """Record an action that was pressed at the recorder itself; its log time [ns], None if it is not recorded."""

@@ -38,8 +38,8 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "d-1.mcap"
 
 
-def play(session: Any, file: Path, how: Replay) -> list[dict[str, int]]:
-    return list(replay(session, CELL, file, how, threading.Event()))
+def play(session: Any, file: Path, how: Replay, said: list[str] | None = None) -> list[dict[str, int]]:
+    return list(replay(session, CELL, [file], how, threading.Event(), ([] if said is None else said).append))
 
 
 def test_a_replay_recorded_again_is_the_same_byte_for_byte(tmp_path: Path, file: Path) -> None:
@@ -89,10 +89,73 @@ def test_a_replay_can_move_the_stamps_to_now(tmp_path: Path, file: Path) -> None
 def test_a_replay_ends_when_told(file: Path) -> None:
     stopped = threading.Event()
     with network() as (_, theirs):
-        loops = replay(theirs, CELL, file, Replay(loops=None, rate=50.0), stopped)
+        loops = replay(theirs, CELL, [file], Replay(loops=None, rate=50.0), stopped, print)
         assert next(loops)
         stopped.set()
         assert list(loops) == []
+
+
+def written(path: Path, told: list[tuple[str, float]], **more: Any) -> Path:
+    """A recording of messages on topics at log times [s]."""
+    shown = Demonstrated("d-2", "t", "u", "elsewhere", "base", "tool0", ("A",), outcome="success", **more)
+    with RecordingWriter(path, shown) as writer:
+        for topic, at_s in told:
+            writer.write(topic, b"x", int((1000 + at_s) * NS))
+        writer.finish()
+    return path
+
+
+def test_a_gap_is_shortened_and_a_step_back_is_played_on_in_the_order_of_the_file(tmp_path: Path) -> None:
+    steps = [0.0, 0.1, 3600.1, 3600.2, 100.0, 100.1, 100.2, 100.3]
+    file, said, begun_s = written(tmp_path / "d.mcap", [("/a", at_s) for at_s in steps]), list[str](), time.monotonic()
+    with network() as (_, theirs):
+        assert play(theirs, file, Replay(max_gap_s=0.5), said) == [{"/a": len(steps)}]
+    assert time.monotonic() - begun_s < 5
+    assert said == [
+        "a gap of 3600.0 s is shortened to 0.5 s",
+        "the log's clock steps back by 3500.0 s; the file's order is kept",
+    ]
+
+
+def test_a_topic_that_is_no_key_stops_nothing_and_is_told_once(tmp_path: Path) -> None:
+    file, said = written(tmp_path / "d.mcap", [("/a", 0.0), ("/b/*", 0.1), ("/a", 0.2), ("/b/*", 0.3)]), list[str]()
+    with network() as (_, theirs):
+        assert play(theirs, file, Replay(rate=10.0, loops=2), said) == [{"/a": 2}] * 2
+    assert said == ["the topic '/b/*' is a pattern and no key; its messages are left out"]
+
+
+def test_payloads_that_are_not_of_the_contract_are_not_restamped(tmp_path: Path) -> None:
+    file = written(tmp_path / "d.mcap", [(POSES, 0.0), (ACTION, 0.1), ("/gripper", 0.2)])
+    with network() as (_, theirs):
+        assert play(theirs, file, Replay(rate=10.0, restamp=True)) == [{ACTION: 1, "/gripper": 1, POSES: 1}]
+
+
+def test_the_parts_of_a_split_demonstration_are_played_as_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = written(tmp_path / "one.mcap", [("/a", 0.0)], part=1, continued=True)
+    written(tmp_path / "two.mcap", [("/b", 0.1)], part=2)
+    assert main(["replay", str(first), "--wait", "0", "--listen", "tcp/127.0.0.1:0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[1])["messages"] == {"/a": 1, "/b": 1}
+
+
+def test_attachments_are_recorded_beside_their_samples_and_played_with_them(tmp_path: Path) -> None:
+    """As other middleware writes: its key has the type and a hash, its attachment sender, time and number."""
+    key = f"{PREFIX}/0/chatter/std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503"
+    with recording_cell(tmp_path) as cell:
+        cell.ask("start", START)
+        for number in range(3):
+            cell.session.put(key, b"said", attachment=bytes([number] * 33))
+        wait_for(lambda: cell.ask("status")["messages"].get(key.removeprefix(PREFIX)) == 3)
+        file = Path(cell.ask("stop", {"outcome": "unknown"})["file"])
+    kept = [message.data for channel, message in messages(file) if channel.topic.endswith("/@attachment")]
+    assert kept == [bytes([number] * 33) for number in range(3)]
+    heard: list[bytes] = []
+    with network() as (ours, theirs), ours.declare_subscriber(key, lambda s: heard.append(s.attachment.to_bytes())):
+        time.sleep(0.2)
+        play(theirs, file, Replay(rate=10.0))
+        wait_for(lambda: len(heard) == 3)
+    assert heard == kept
 
 
 def test_the_command_replays(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
