@@ -21,7 +21,7 @@ class Console:
     def say(self, sentence: str) -> None:
         """A line for a person; with `--json` nothing."""
         if not self.as_json:
-            print(sentence, flush=True)
+            print(_printable(sentence), flush=True)
 
     def emit(self, document: Any) -> None:
         """A JSON document (long-running commands: one object a line) with `--json`; otherwise nothing."""
@@ -30,7 +30,7 @@ class Console:
 
     def warn(self, sentence: str) -> None:
         """A line on standard error, with `--json` too."""
-        print(f"treewright: {sentence}", file=sys.stderr, flush=True)
+        print(_printable(f"treewright: {sentence}"), file=sys.stderr, flush=True)
 
     def fail(self, error: BaseException) -> None:
         """The one line on standard error of a command that failed."""
@@ -61,6 +61,11 @@ def silent_standard_error() -> Iterator[None]:
         finally:
             os.dup2(kept, 2)
             os.close(kept)
+
+
+def _printable(text: str) -> str:
+    """With bytes of file names that are no text escaped."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _sentence(error: BaseException) -> str:

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from recorder.paths import shown
+
 
 class RecorderError(Exception):
     """The root: a message of one sentence that names the thing and says what to do."""
@@ -33,7 +35,7 @@ class NotARecordingError(RecordingError):
     """A file that does not hold the part that CONTRACT, section 2, requires."""
 
     def __init__(self, file: Path, reason: str) -> None:
-        super().__init__(f"{file} is not a recording: {reason}")
+        super().__init__(f"{shown(file)} is not a recording: {reason}")
         self.file, self.reason = file, reason
 
 
@@ -41,7 +43,7 @@ class TornRecordingError(RecordingError):
     """A file whose end is missing; every finished chunk of it can be saved."""
 
     def __init__(self, file: Path) -> None:
-        super().__init__(f"{file} is torn: its end is missing; `treewright recover {file}` saves what is whole")
+        super().__init__(f"{shown(file)} is torn: its end is missing; `treewright recover` saves what is whole")
         self.file = file
 
 
@@ -74,5 +76,5 @@ class ImportRefusedError(RecorderError):
     """A folder or file of YAML demonstrations, or a bag, that is broken or lacks what is needed."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(f"{path} cannot be imported: {reason}")
+        super().__init__(f"{shown(path)} cannot be imported: {reason}")
         self.path, self.reason = path, reason

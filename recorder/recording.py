@@ -49,6 +49,7 @@ from recorder.chunks import COMPRESSION_LEVEL, Batch, PackedChunk, pack_chunk
 from recorder.clocks import Arrived, Straight, straighten
 from recorder.errors import NotARecordingError, PartMissingError, PayloadError, RecorderError
 from recorder.notices import Notices
+from recorder.paths import shown
 from recorder.wire import ACTION, ENCODINGS, GRIPPER, POSES, Sighting
 
 CONTRACT: Final = "1"
@@ -277,7 +278,7 @@ class RecordingWriter:
         self.file, self.demonstrated = file, demonstrated
         self.unfinished = file.with_name(file.name + UNFINISHED)
         if file.exists():
-            raise RecorderError(f"{file} exists already; a recording is never overwritten")
+            raise RecorderError(f"{shown(file)} exists already; a recording is never overwritten")
         file.parent.mkdir(parents=True, exist_ok=True)
         self._stream: IO[bytes] = self.unfinished.open("xb", buffering=0)
         self._batch = Batch()
@@ -534,9 +535,10 @@ def read_header(file: Path) -> Demonstrated:
 
 
 def sha256_of(files: Sequence[Path]) -> str:
-    """The digest of the files' bytes, in this order."""
+    """The digest of the files' bytes, in this order. Raises NotARecordingError for a pipe or a device."""
     digest = hashlib.sha256()
     for file in files:
+        records.check_regular(file)
         with file.open("rb") as stream:
             for block in iter(lambda: stream.read(1 << 20), b""):
                 digest.update(block)

@@ -7,6 +7,7 @@ data section's at its end, the summary's at the footer. Lengths are compared wit
 from __future__ import annotations
 
 import mmap
+import stat
 import struct
 import zlib
 from collections.abc import Iterator
@@ -38,6 +39,13 @@ _READERS: Final = {
     Opcode.HEADER: Header.read,
     Opcode.METADATA: Metadata.read,
     Opcode.SCHEMA: Schema.read,
+}
+_KINDS: Final = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
 }
 _DAMAGE: Final = (
     McapError,
@@ -96,6 +104,7 @@ def walk(file: Path, offset: int = 0) -> Iterator[Record]:
     Raises TornRecordingError, after every whole record, where the file ends before its end, and NotARecordingError
     where the bytes are no MCAP file, a checksum is wrong, or more bytes stand behind the end.
     """
+    check_regular(file)
     size = file.stat().st_size
     with file.open("rb") as stream:
         if not offset:
@@ -112,6 +121,13 @@ def walk(file: Path, offset: int = 0) -> Iterator[Record]:
             if record.opcode == Opcode.FOOTER:
                 _check_nothing_follows(file, stream, size)
                 return
+
+
+def check_regular(file: Path) -> None:
+    """Raises NotARecordingError for what is no file: reading a named pipe or a device might never end."""
+    mode = file.stat().st_mode
+    if not stat.S_ISREG(mode):
+        raise NotARecordingError(file, f"it is {_KINDS.get(stat.S_IFMT(mode), 'no file')}")
 
 
 class _Sums:

@@ -19,6 +19,7 @@ from mcap.opcode import Opcode
 
 from recorder import records
 from recorder.errors import NotARecordingError, RecorderError, SecondRecorderError, TornRecordingError
+from recorder.paths import shown
 from recorder.recording import UNFINISHED, Finished, RecordingWriter, messages, sync_folder
 from recorder.salvage import Salvage
 
@@ -52,7 +53,7 @@ def recover(torn: Path, file: Path) -> Recovered:
     salvage = Salvage(torn)
     demonstrated = salvage.demonstrated()
     if file.exists():
-        raise RecorderError(f"{file} exists already; a recording is never overwritten")
+        raise RecorderError(f"{shown(file)} exists already; a recording is never overwritten")
     copy = file.with_name(file.name + RECOVERING)
     unfinished = copy.with_name(copy.name + UNFINISHED)
     for left in (copy, unfinished):
@@ -76,7 +77,7 @@ def _check(copy: Path, finished: Finished) -> None:
     """Read the copy as anybody would. Raises RecorderError where it holds other messages than were written."""
     found = Counter(channel.topic for channel, _ in messages(copy))
     if dict(sorted(found.items())) != dict(finished.messages):
-        raise RecorderError(f"{copy} does not hold what was recovered; check the disk")
+        raise RecorderError(f"{shown(copy)} does not hold what was recovered; check the disk")
 
 
 @contextmanager

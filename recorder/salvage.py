@@ -10,6 +10,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message
 
 from recorder import records
 from recorder.errors import NotARecordingError, RecorderError, TornRecordingError
+from recorder.paths import shown
 from recorder.recording import DEMONSTRATION, Demonstrated, RecordingWriter
 from recorder.wire import NS
 
@@ -22,6 +23,7 @@ class Salvage:
     """
 
     def __init__(self, torn: Path) -> None:
+        records.check_regular(torn)
         self.torn, self.size = torn, torn.stat().st_size
         self.gone: list[str] = []
         self.cut_bytes = 0
@@ -34,7 +36,7 @@ class Salvage:
     def demonstrated(self) -> Demonstrated:
         """What the file says of itself. Raises NotARecordingError where it does not, RecorderError if it is whole."""
         if self._is_whole:
-            raise RecorderError(f"{self.torn} is whole; there is nothing to recover")
+            raise RecorderError(f"{shown(self.torn)} is whole; there is nothing to recover")
         if self._metadata is None:
             reason = next(self._wrong_sums(), f"it is torn before its metadata record {DEMONSTRATION}")
             raise NotARecordingError(self.torn, reason)

@@ -71,17 +71,22 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
 def _list(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:
     from learner.model import check_name
+    from pipelines.steps.quarantine import id_of_quarantined
 
     task = None if arguments.task is None else check_name("task", arguments.task)
-    entries, refused = lake.entries(task), lake.quarantined()
-    quarantined = [{"file": each.file, "sha256": each.sha256, "reason": each.reason} for each in refused]
+    entries, home = lake.entries(task), Home.current()
+    refused = [(each, id_of_quarantined(home, each)) for each in lake.quarantined()]
+    quarantined = [
+        {"file": each.file, "demonstration_id": name, "sha256": each.sha256, "reason": each.reason}
+        for each, name in refused
+    ]
     console.emit({"demonstrations": [_summary(entry) for entry in entries], "quarantined": quarantined})
     for entry in entries:
         console.say(_line(entry))
     if not entries:
         console.say("no demonstration is in the lake; `treewright ingest` takes recordings in")
-    for each in refused:
-        console.say(f"quarantined {each.file}: {each.reason}")
+    for each, name in refused:
+        console.say(f"quarantined {name or 'a file without an id'} ({each.file}): {each.reason}")
 
 
 def _show(lake: Lake, arguments: argparse.Namespace, console: Console) -> None:

@@ -23,6 +23,7 @@ from learner.observation.corrections import Correction
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from recorder.errors import RecorderError
+from recorder.paths import is_file, is_folder, shown
 from recorder.recording import Demonstrated, read_header, read_recording, sha256_of
 from storage.errors import ConflictError
 from storage.lake import Lake
@@ -117,7 +118,7 @@ class _Ingest:
         headers: dict[Path, Demonstrated] = {}
         for file in files:
             if self._is_settled(file):
-                self._note_known(self.known_files[str(file)])
+                self._note_known(self.known_files[shown(file)])
             elif header := self._header(file):
                 headers[file] = header
         for source in self._sources(headers):
@@ -135,10 +136,10 @@ class _Ingest:
 
     def _is_settled(self, file: Path) -> bool:
         """Whether the file was judged before and has not changed since (by the time of its last change)."""
-        since_ns = self.since_ns.get(str(file))
-        if since_ns is None or not file.exists() or file.stat().st_ctime_ns > since_ns:
+        since_ns = self.since_ns.get(shown(file))
+        if since_ns is None or not is_file(file) or file.stat().st_ctime_ns > since_ns:
             return False
-        return not self.again or self.known_files[str(file)] in self.known_ids
+        return not self.again or self.known_files[shown(file)] in self.known_ids
 
     def _note_known(self, sha256: str | None) -> None:
         if sha256 in self.known_ids:
@@ -178,7 +179,7 @@ class _Ingest:
         """The parts of a demonstration that lie in a folder; files known as another's are not opened."""
         found: dict[Path, Demonstrated] = {}
         for file in _recordings_below(folder):
-            if self.known_ids.get(self.known_files.get(str(file)) or "", demonstration_id) != demonstration_id:
+            if self.known_ids.get(self.known_files.get(shown(file)) or "", demonstration_id) != demonstration_id:
                 continue
             header = _part_header(file)
             if header and header.demonstration_id == demonstration_id:
@@ -216,7 +217,7 @@ class _Ingest:
 
     def _add(self, taken: Sequence[tuple[Demonstration, Source]]) -> list[Demonstration]:
         """Those of `taken` that are new in the lake. Raises ConflictError."""
-        files = {demonstration.demonstration_id: source.files for demonstration, source in taken}
+        files = {demonstration.demonstration_id: list(map(shown, source.files)) for demonstration, source in taken}
         demonstrations = [demonstration for demonstration, _ in taken]
         answers = self.lake.add_all(demonstrations, files) if demonstrations else []
         self.known += [d.demonstration_id for d, new in zip(demonstrations, answers, strict=True) if not new]
@@ -232,9 +233,9 @@ class _Ingest:
     def _refuse(self, files: Sequence[Path], error: BaseException) -> None:
         reason = _sentence(error)
         for file in files:
-            self.quarantined.append(Refused(str(file), reason))
-            if file.is_file():
-                self.lake.quarantine(file, _keep(self.home, file), reason)
+            self.quarantined.append(Refused(shown(file), reason))
+            if is_file(file):
+                self.lake.quarantine(shown(file), _keep(self.home, file), reason)
 
 
 def _check_room(home: Home) -> None:
@@ -252,7 +253,9 @@ def _recordings_below(folder: Path) -> list[Path]:
 def _expanded(named: Iterable[Path]) -> list[Path]:
     """Absolute paths, each once, a folder replaced by the recordings below it."""
     files = (
-        file for path in named for file in (_recordings_below(path.absolute()) if path.is_dir() else [path.absolute()])
+        file
+        for path in named
+        for file in (_recordings_below(path.absolute()) if is_folder(path) else [path.absolute()])
     )
     return list(dict.fromkeys(files))
 
@@ -302,5 +305,5 @@ def _defect(error: Exception) -> Exception:
 
 def _sentence(error: BaseException) -> str:
     if isinstance(error, OSError):
-        return f"{error.filename or 'it'} cannot be read: {error.strerror or error}"
+        return f"{shown(error.filename) if error.filename else 'it'} cannot be read: {error.strerror or error}"
     return " ".join(str(error).split())

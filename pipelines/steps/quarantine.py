@@ -63,6 +63,12 @@ def find_quarantined(home: Home, lake: Lake, demonstration_id: str) -> Quarantin
     return QuarantinedDemonstration(files, of_it[-1][0].reason, read_recording(files), corrections)
 
 
+def id_of_quarantined(home: Home, record: Quarantined) -> str | None:
+    """The id of the demonstration in a refused file; None where the file is gone or tells none."""
+    file = _file_of(home, record)
+    return None if file is None else _id_of(file)
+
+
 def correct_quarantined(
     home: Home, lake: Lake, found: QuarantinedDemonstration, steps: Sequence[int], meant: Meant
 ) -> IngestResult:

@@ -128,6 +128,8 @@ class Bag:
 @contextmanager
 def opened(path: Path) -> Iterator[Bag]:
     """The bag at a path. Raises ImportRefusedError where there is none that can be read."""
+    if path.exists() and not path.is_dir() and not path.is_file():
+        raise ImportRefusedError(path, "it is neither a file nor a folder")
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
         reader.open()
