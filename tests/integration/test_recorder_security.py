@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
 import subprocess
 import time
@@ -30,16 +31,21 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("ours", ["recorder", "cell", "operator", "controller", "stranger"]),
         ("theirs", ["recorder"]),
     ):
-        script = ["sh", str(SECURITY / "make-certificates.sh"), str(folder / name), "localhost", *parties]
-        subprocess.run(script, check=True)
+        certify(folder / name, *parties)
     return folder
+
+
+def certify(folder: Path, *parties: str) -> None:
+    """Run the script as its README says."""
+    script = ["sh", str(SECURITY / "make-certificates.sh"), str(folder), "localhost", *parties]
+    subprocess.run(script, check=True, env={**os.environ, "TREEWRIGHT_CELL": CELL})
 
 
 @contextlib.contextmanager
 def opened(file: str, endpoint: str, tls: Path, party: str | None = None) -> Iterator[zenoh.Session]:
     """A session by a shipped configuration; only the endpoint and the folder of certificates are this machine's."""
-    text = (SECURITY / file).read_text().replace("/etc/treewright/tls", str(tls))
     name = file.removesuffix(".json5")
+    text = (tls / name / "zenoh.json5").read_text().replace("/etc/treewright/tls", str(tls / (party or name)))
     if party:
         text = text.replace(f"{name}.pem", f"{party}.pem").replace(f"{name}.key", f"{party}.key")
     config = zenoh.Config.from_json5(text)
@@ -152,9 +158,63 @@ def test_a_client_without_a_certificate_gets_no_connection(certificates: Path, e
                 "mode": "client",
                 "connect": {"endpoints": [endpoint], "timeout_ms": 3000},
                 "scouting": {"multicast": {"enabled": False}},
-                "transport": {"link": {"tls": {"root_ca_certificate": str(certificates / "ours" / "ca.pem")}}},
+                "transport": {"link": {"tls": {"root_ca_certificate": str(certificates / "ours" / "cell" / "ca.pem")}}},
             }
         )
     )
     with opened("router.json5", endpoint, certificates / "ours"), pytest.raises(zenoh.ZError), zenoh.open(config):
         pass
+
+
+def test_every_party_has_what_its_container_mounts_and_nothing_of_another(certificates: Path) -> None:
+    for party in ("router", "recorder", "cell", "operator", "controller"):
+        folder = certificates / "ours" / party
+        assert sorted(file.name for file in folder.iterdir()) == sorted(
+            ["ca.pem", f"{party}.key", f"{party}.pem", "zenoh.json5"]
+        )
+        assert "TREEWRIGHT" not in (folder / "zenoh.json5").read_text()
+        owners = {file.stat().st_uid for file in (folder, *folder.iterdir())}
+        assert owners == ({1000} if os.getuid() == 0 else {os.getuid()})
+        assert (folder / f"{party}.key").stat().st_mode & 0o077 == 0
+    assert not (certificates / "ours" / "recorder" / "ca.key").exists()
+
+
+def test_certificates_are_renewed_while_a_recording_runs_and_nothing_is_lost(
+    certificates: Path, endpoint: str, tmp_path: Path
+) -> None:
+    """All files of a cell are made anew, the router comes back with its own, and the clients by themselves."""
+    tls = tmp_path / "tls"
+    shutil.copytree(certificates / "ours", tls)
+    router = contextlib.ExitStack()
+    router.enter_context(opened("router.json5", endpoint, tls))
+    with (
+        router,
+        opened("recorder.json5", endpoint, tls) as ours,
+        opened("cell.json5", endpoint, tls) as cell,
+        opened("operator.json5", endpoint, tls) as operator,
+        Recorder(ours, CELL, tmp_path / "recordings"),
+        advanced_publisher(cell, f"{PREFIX}/poses", encoding=POSES_ENCODING) as poses,
+    ):
+        wait_for(lambda: answered(operator))
+        ask(operator, "start", START)
+        told = 0
+
+        def publish(count: int) -> None:
+            nonlocal told
+            for _ in range(count):
+                poses.put(pose_message(time.time_ns(), "base", {"tool0": Pose((told, 0, 1))}))
+                told += 1
+
+        publish(5)
+        wait_for(lambda: ask(operator, "status")["messages"].get("/poses") == 5)
+        before = (tls / "recorder" / "recorder.pem").read_bytes()
+        certify(tls, "recorder", "cell", "operator", "controller")
+        assert (tls / "recorder" / "recorder.pem").read_bytes() != before
+        router.close()
+        publish(5)
+        router.enter_context(opened("router.json5", endpoint, tls))
+        wait_for(lambda: answered(operator), 30.0)
+        publish(5)
+        wait_for(lambda: ask(operator, "status")["messages"].get("/poses") == told, 30.0)
+        stopped = ask(operator, "stop", {"outcome": "unknown"})
+        assert (stopped["messages"]["/poses"], stopped["lost"]["/poses"]) == (15, 0)
