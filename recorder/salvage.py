@@ -72,6 +72,7 @@ class Salvage:
 
     def _look_through(self) -> bool:
         """Note what is told of the file, its summary included, and what is damaged; whether nothing is."""
+        self._ended = False
         for found in self._everything():
             match found:
                 case Header():
@@ -82,9 +83,9 @@ class Salvage:
                     self._schemas.setdefault(found.id, found)
                 case Metadata() if found.name == DEMONSTRATION:
                     self._metadata = found.metadata
-        if not self.gone and not self.cut_bytes:
+        if not self.gone and self._ended:
             self.gone += self._wrong_sums()
-        return not self.gone and not self.cut_bytes
+        return not self.gone and self._ended
 
     def _wrong_sums(self) -> Iterator[str]:
         """Why the file as a whole is not what its checksums tell, though each of its records can be read."""
@@ -99,6 +100,7 @@ class Salvage:
     def _everything(self) -> Iterator[McapRecord]:
         """Every record that can be read; what cannot is noted once, in `gone`."""
         for record in self._records():
+            self._ended = self._ended or record.opcode == Opcode.FOOTER
             yield from self._contents(record, self.gone)
 
     def _found(self) -> Iterator[McapRecord]:

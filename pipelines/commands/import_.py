@@ -17,7 +17,7 @@ from pipelines.errors import CommandError
 from pipelines.home import Home
 
 if TYPE_CHECKING:
-    from recorder.yaml_import import Imported
+    from recorder.imports.yaml_import import Imported
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,11 +57,11 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 def _imported(arguments: argparse.Namespace) -> Imported:
     source, recordings = Path(arguments.source), Home.current().recordings
     if arguments.gripper is None and not _is_bag(source):
-        from recorder.yaml_import import import_folder
+        from recorder.imports.yaml_import import import_folder
 
         return import_folder(source, recordings, arguments.task, arguments.user)
-    from recorder.bags.grippers import Meaning
-    from recorder.bags.importing import Wanted, import_bag, what_it_holds
+    from recorder.imports.bag_import import Wanted, import_bag, what_it_holds
+    from recorder.imports.grippers import Meaning
 
     if arguments.gripper is None:
         raise CommandError(f"name the gripper's topic of {source} with --gripper; it holds {what_it_holds(source)}")

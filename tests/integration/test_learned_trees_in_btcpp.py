@@ -22,8 +22,8 @@ from learner.observation import observe
 from learner.parameters import Parameters
 from learner.planning.synthesis import main_id
 from learner.simulation.kinematic_world import KinematicWorld
+from recorder.imports.yaml_import import import_folder
 from recorder.recording import read_recording
-from recorder.yaml_import import import_folder
 from storage.btcpp import from_xml, to_xml, validate
 from storage.errors import WrittenTreeError
 

@@ -29,7 +29,7 @@ from support_recorder import (
 from learner.model import Pose
 from pipelines.cli import main
 from recorder.daemon import Recorder
-from recorder.errors import NotARecordingError, RecorderError, SecondRecorderError, TornRecordingError
+from recorder.errors import RecorderError, SecondRecorderError, TornRecordingError
 from recorder.recording import Demonstrated, RecordingWriter, messages, read_header, read_recording
 from recorder.recovery import recover, recover_folder
 from recorder.wire import ACTION, POSES, pose_message
@@ -91,17 +91,25 @@ def _is_chunk(data: bytes, place: int) -> bool:
     return b"zstd" in data[place : place + 60]
 
 
-def test_damage_that_is_no_torn_end_is_quarantined_untouched(tmp_path: Path) -> None:
+def test_of_a_damaged_file_what_is_whole_is_kept_and_the_original_untouched(tmp_path: Path) -> None:
     damaged = bytearray(torn(tmp_path / "stacking-1.mcap").read_bytes())
     damaged[damaged.index(b"zstd") + 30] ^= 0x01
     part = tmp_path / "stacking-1.mcap.part"
     part.write_bytes(damaged)
-    with pytest.raises(NotARecordingError, match="damaged at byte"):
-        recover(part, tmp_path / "x.mcap")
     told: list[tuple[str, str]] = []
     recover_folder(tmp_path, lambda *fate: told.append(fate))
-    assert [fate for fate, _ in told] == ["quarantined"]
-    assert (tmp_path / "quarantine" / part.name).read_bytes() == damaged
+    ((fate, sentence),) = told
+    assert fate == "recovered"
+    assert "the chunk at byte" in sentence
+    assert (tmp_path / "torn" / part.name).read_bytes() == damaged
+    assert read_header(tmp_path / "stacking-1.mcap").demonstration_id
+
+
+def test_what_does_not_tell_whose_it_is_is_quarantined_untouched(tmp_path: Path) -> None:
+    part = tmp_path / "stacking-1.mcap.part"
+    part.write_bytes(b"noise" * 100)
+    assert recover_folder(tmp_path, lambda *_: None) == {"quarantined": 1}
+    assert (tmp_path / "quarantine" / part.name).read_bytes() == b"noise" * 100
     assert not list(tmp_path.glob("*.mcap*"))
 
 

@@ -14,8 +14,8 @@ from learner.model import Pose
 from learner.observation import observe
 from pipelines.cli import main
 from recorder.errors import ImportRefusedError
+from recorder.imports.yaml_import import import_folder
 from recorder.recording import read_recording
-from recorder.yaml_import import import_folder
 
 YUMI = Path("../shared/data/yumi_cube_in_box")
 

@@ -175,7 +175,9 @@ def test_demos_list_and_show_tell_what_was_demonstrated(home: Home) -> None:
         ("d1", 2, False),
         ("d2", 2, False),
     ]
-    assert listed["quarantined"] == [{"file": "torn.mcap", "sha256": None, "reason": "it is torn"}]
+    assert listed["quarantined"] == [
+        {"file": "torn.mcap", "demonstration_id": None, "sha256": None, "reason": "it is torn"}
+    ]
     assert home.json("demos", "list", "--task", "towers")["demonstrations"] == []
     shown = home.json("demos", "show", "d1")
     assert [(action["step"], action["type"]) for action in shown["actions"]] == [(1, "pick"), (2, "drop")]

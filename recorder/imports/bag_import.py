@@ -21,13 +21,13 @@ from mcap.records import Channel, Schema
 from learner.errors import LearnerError
 from learner.model import check_name
 from learner.model.poses import Poses
-from recorder.bags.bag import TEXT, TF, Bag, Topic, opened
-from recorder.bags.grippers import Meaning
-from recorder.bags.transforms import NoChainError, Stamps, Transforms, by_stamp
 from recorder.errors import ImportRefusedError
+from recorder.imports.bag import TEXT, TF, Bag, Topic, opened
+from recorder.imports.grippers import Meaning
+from recorder.imports.transforms import NoChainError, Stamps, Transforms, by_stamp
+from recorder.imports.yaml_import import CELL, Imported, Skipped
 from recorder.recording import Demonstrated, RecordingWriter
 from recorder.wire import ACTION, GRIPPER, POSES, pose_message
-from recorder.yaml_import import CELL, Imported, Skipped
 
 BASES: Final = ("base", "base_link", "base_frame", "world", "map", "odom")
 """What a base frame is called where nobody says: the first of these that is there."""

@@ -15,9 +15,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from learner.errors import ModelError
 from learner.model import Pose
-from recorder.bags.grippers import TYPES, Meaning, NoGripperError, number_of, states_of
-from recorder.bags.transforms import Transforms
 from recorder.errors import ImportRefusedError
+from recorder.imports.grippers import TYPES, Meaning, NoGripperError, number_of, states_of
+from recorder.imports.transforms import Transforms
 from recorder.wire import NS
 
 TF: Final = "tf2_msgs/msg/TFMessage"
