@@ -64,8 +64,11 @@ OWN_FACTS: Final = (
     "objects",
     "task",
     "version",
+    "vocabulary",
     "xml_sha256",
 )
+LATER_FACTS: Final = ("vocabulary",)
+"""Manifests that earlier versions wrote do not state these."""
 EXPECTED_FACTS: Final = ("base_frame", "end_effector_frame", "lineage", "metrics")
 """What a manifest always has, null where the publisher does not know it."""
 
@@ -258,6 +261,7 @@ class ArtifactStore:
         except StorageError as error:
             raise DamagedError(f"the XML of {name} is refused: {error}") from error
         expected = _derived(task, artifact.version, artifact.tree, artifact.xml)
+        expected = {key: value for key, value in expected.items() if key in manifest or key not in LATER_FACTS}
         wrong = sorted(key for key, value in expected.items() if manifest.get(key) != value)
         if written != artifact.tree:
             raise DamagedError(f"the XML of {name} is another tree than its JSON")
@@ -516,6 +520,7 @@ def _derived(task: str, version: int, tree: Tree, xml: str) -> dict[str, Any]:
         "objects": sorted(tree.objects()),
         "task": task,
         "version": version,
+        "vocabulary": tree.vocabulary,
         "xml_sha256": sha256_of(xml),
     }
 

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from learner.errors import LearnerError
+from learner.model.frame import check_frame
 from learner.model.names import NODES, NONE, check_name, identifier
 from learner.model.tree import (
     ACTIONS,
@@ -302,7 +303,9 @@ def _check_values(tree: Tree) -> None:
     """What only shows once the ports of the SubTrees are filled in."""
     for node in tree.flattened().walk():
         for port, value in node.ports:
-            if port == "frame" or (port == "object" and not (node.kind == "InGripper" and value == NONE)):
+            if port == "frame":
+                check_frame(str(value))
+            if port == "object" and not (node.kind == "InGripper" and value == NONE):
                 check_name(port, value)
             if port == "state" and value not in ("open", "closed"):
                 raise WrittenTreeError(f"{node.kind} has state = {value!r}; a gripper is open or closed")

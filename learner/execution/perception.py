@@ -15,6 +15,7 @@ from typing import Final
 from learner.errors import TreeError
 from learner.model.action import Motion, SetGripper
 from learner.model.condition import Condition, GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.frame import objects_of, pose_of
 from learner.model.holding import Grasp, Sighting, Sizes, grasped
 from learner.model.names import NONE
 from learner.model.pose import Pose, Vector, rotated
@@ -130,20 +131,24 @@ class CellState:
         self._frozen = None
 
     def pose(self, name: str) -> Pose | None:
-        """The last seen pose of an object or the end-effector in the base; None if it was never seen."""
+        """The last seen pose of an object, a frame or the end-effector in the base; None if it was never seen."""
         if name == self.base_frame:
             return Pose((0.0, 0.0, 0.0))
-        return self._seen[name].pose if name in self._seen else None
+        if not set(objects_of(name)) <= self._seen.keys():
+            return None
+        return pose_of(name, lambda each: self._seen[each].pose)
 
     def poses(self) -> dict[str, Pose]:
         """The last seen pose of everything, by name."""
         return {name: seen.pose for name, seen in sorted(self._seen.items())}
 
     def unseen(self, name: str) -> bool:
-        """Whether nothing was seen of `name` for 10 s, or ever. The base frame is always seen."""
+        """Whether nothing was seen of `name`, or of what a frame goes by, for 10 s or ever. The base is always seen."""
         if name == self.base_frame:
             return False
-        return name not in self._seen or self.now_ns - self._seen[name].stamp_ns >= UNSEEN_NS
+        return any(
+            each not in self._seen or self.now_ns - self._seen[each].stamp_ns >= UNSEEN_NS for each in objects_of(name)
+        )
 
     def holds(self, condition: Condition) -> bool:
         """Whether a condition holds now (CONTRACT, section 3).
@@ -176,7 +181,7 @@ class CellState:
     def _in_base(self, position: Vector, frame: str) -> Vector:
         if frame == self.base_frame:
             return position
-        pose = self._seen[frame].pose
+        pose = pose_of(frame, lambda name: self._seen[name].pose)
         x, y, z = rotated(pose.quaternion_xyzw, position)
         return (x + pose.position[0], y + pose.position[1], z + pose.position[2])
 

@@ -20,6 +20,7 @@ from learner.inference.moves import LeftOut, Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target, in_frame, target_of
 from learner.inference.ties import Anchors, anchors_of, tied_frames
+from learner.model.frame import START
 from learner.model.pose import Array
 from learner.model.poses import Rows
 
@@ -30,9 +31,28 @@ def find_targets(moves: Moves, parameters: InferenceParameters) -> list[Target]:
     found: list[Target] = []
     for name in np.unique(moves.object[moves.released]):
         numbers = np.flatnonzero(moves.released & (moves.object == name))
-        found += _of_object(numbers, moves, enough, parameters) or _pairs(numbers, moves, parameters)
+        plain = _of_object(numbers, moves, enough, parameters) or _pairs(numbers, moves, parameters)
+        found += _richer_if_better(plain, numbers, moves, parameters)
     anchors = anchors_of(moves, found)
     return [_with_ties(target, anchors, moves, parameters) for target in found]
+
+
+def _richer_if_better(
+    plain: Sequence[Target], numbers: Rows, moves: Moves, parameters: InferenceParameters
+) -> Sequence[Target]:
+    """The targets in frames that go by two objects or by the base's axes, where those explain more of one object's
+    moves than its targets in plain frames, which leave more than a few unexplained or are but pairs.
+    """
+    meant = numbers[~moves.put_back[numbers]]
+    explained = np.array(sorted(number for target in plain for number in target.members), dtype=np.intp)
+    left = np.setdiff1d(meant, explained)
+    fleeting = [number for target in find_fleeting(left, moves, parameters) for number in target.members]
+    left = np.setdiff1d(left, fleeting)
+    only_pairs = len(left) and all(len(target.members) < parameters.min_samples for target in plain)
+    if not only_pairs and len(left) <= parameters.few_unexplained * len(meant):
+        return plain
+    richer = [t for t in find_richer(np.setdiff1d(meant, fleeting), moves, parameters) if not t.frame.endswith(START)]
+    return richer if sum(len(target.members) for target in richer) > len(explained) else plain
 
 
 def find_passed(left_out: LeftOut, parameters: InferenceParameters) -> list[Target]:

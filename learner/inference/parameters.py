@@ -38,6 +38,9 @@ class InferenceParameters:
     """By so much a frame in contact is likelier beforehand than the base; the base than a frame further away."""
     upon_odds: float = 10.0
     """By so much the object that something rests upon is likelier: without it the place would be in the air."""
+    few_unexplained: float = 1 / 3
+    """Where more of an object's moves than this share have no target, frames that go by more than one object are tried:
+    one of three may have gone wrong."""
     no_frame_odds: float = 0.1
     """By so much likelier than the base it is beforehand that no frame tells a place: people mean something."""
     table_m2: float = 0.5

@@ -18,6 +18,7 @@ from typing import Any, Final
 from learner.errors import TreeError
 from learner.model.action import Action, Drop, Motion, Pick, Place, SetGripper
 from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.frame import is_composed
 from learner.model.names import NONE
 from learner.model.pose import Pose
 
@@ -235,6 +236,11 @@ class Tree:
     def frames(self) -> frozenset[str]:
         """Every frame that a leaf names."""
         return self._named("frame")
+
+    @property
+    def vocabulary(self) -> int:
+        """The least vocabulary of CONTRACT, section 3, that a world must know to run this tree."""
+        return 2 if any(is_composed(frame) for frame in self.frames()) else 1
 
     def _named(self, port: str) -> frozenset[str]:
         values = (value for node in self.flattened().walk() for name, value in node.ports if name == port)

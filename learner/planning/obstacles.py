@@ -46,8 +46,9 @@ class Obstacles:
 
     @cached_property
     def ids(self) -> Mapping[str, str]:
-        """The name of each object and of the base as a part of a SubTree's ID."""
-        return distinct_identifiers({name for d in self.demonstrations for name in (*d.objects, d.base_frame)})
+        """The name of each object, of the base and of each frame as a part of a SubTree's ID."""
+        names = {name for d in self.demonstrations for name in (*d.objects, d.base_frame)}
+        return distinct_identifiers(names | {target.frame for target in self.actions.placements})
 
     @cached_property
     def picks(self) -> Mapping[str, Pick]:

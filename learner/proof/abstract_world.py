@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from learner.errors import TreeError
 from learner.model import GripperIs, InGripper, Motion, Node, ObjectAt, ObjectRoughlyAt, Pose, SetGripper
+from learner.model.frame import is_composed
 from learner.model.names import NONE
 from learner.model.pose import Vector
 from learner.model.tree import Word
@@ -37,6 +38,11 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 LocationNumbers = NDArray[np.int16]
 Floats = NDArray[np.float32]
+FIXED: Final = "that frames which go by several objects move with them"
+
+
+def _piles(levels: int) -> str:
+    return f"piles of more than {levels + 1} objects"
 
 
 @dataclass(frozen=True)
@@ -116,8 +122,9 @@ class AbstractWorld:
         self.movable = [self.index[name] for name in self.objects if name in self.grasps]
         self.locations = {name: self._locations_of(name, words) for name in self.objects}
         self.sizes = [FIRST_LOCATION + len(self.locations[name]) for name in self.objects]
-        self.left_out: str | None = None
-        """Which states `states` has left out although they might be: piles that recovery does not take down."""
+        self._composed = any(is_composed(frame) for frame in self.frames)
+        self.left_out = FIXED if self._composed else None
+        """What the proof does not see: piles that recovery does not take down, frames that move with two objects."""
 
     def _locations_of(self, name: str, words: Sequence[Word]) -> list[Location]:
         """The distinct locations of an object; of a pile in one frame only the lowest, the others follow."""
@@ -269,7 +276,8 @@ class AbstractWorld:
         """In which states none of the first objects up to a are within another, and no pile is too high."""
         layout = self.layout(states)
         fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= self.levels
-        self.left_out = self.left_out if fits.all() else f"piles of more than {self.levels + 1} objects"
+        if not fits.all():
+            self.left_out = "; ".join(filter(None, (FIXED if self._composed else None, _piles(self.levels))))
         for b, c in combinations([number for number in self.movable if number <= a], 2):
             fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], self.parameters.overlap_m)
         return np.asarray(fits)

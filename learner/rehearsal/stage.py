@@ -17,6 +17,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, Pose
+from learner.model.frame import is_composed, objects_of
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
 from learner.model.tree import Value
 from learner.planning.actions import scene_of
@@ -172,6 +173,8 @@ class Stage:
     def _into(self, frame: str) -> Pose:
         if frame == self.base:
             return Pose(self.shift)
+        if is_composed(frame):  # upright, whatever the objects that it goes by are turned to
+            return Pose((0.0, 0.0, float(np.mean([self.origins_m[name] for name in objects_of(frame)]))))
         return Pose((0.0, 0.0, self.origins_m[frame]), self.turns[frame])
 
     # -- what was seen -----------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from typing import Final, Literal
 import numpy as np
 
 from learner.model import ObjectShape, Pose
+from learner.model.frame import pose_of
 
 Kind = Literal["block", "open_box"]
 """A block is solid and has its top free; an open box has a floor and four walls."""
@@ -116,6 +117,11 @@ class Spot:
         """`other`, given in the base, in this spot's frame."""
         x, y = self.within(other.x, other.y)
         return Spot(x, y, other.z - self.z, other.yaw - self.yaw)
+
+
+def spot_of(frame: str, spots: Mapping[str, Spot]) -> Spot:
+    """Where a frame is that goes by objects at these spots."""
+    return Spot.of(pose_of(frame, lambda name: spots[name].pose()))
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,13 @@ from learner.errors import LearnerError
 from learner.execution.ticking import Status
 from learner.model import Node, Pose
 from learner.model.condition import GripperState
+from learner.model.frame import is_composed, pose_of
 from learner.model.holding import Grasp, Sighting, Sizes, grasped
 from learner.model.names import NONE
 from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector, rotated
 from learner.model.tree import Value
 from learner.simulation.failure import Failure
-from learner.simulation.gravity import GIVE_M, Body, Spot, Table
+from learner.simulation.gravity import GIVE_M, Body, Spot, Table, spot_of
 
 PERIOD_S: Final = 0.1
 """One step of the world, and one tick [s]."""
@@ -156,8 +157,10 @@ class KinematicWorld:
     # -- what is true --------------------------------------------------------------------------------------------
 
     def spot(self, name: str) -> Spot:
-        """Where an object or the base frame really is."""
-        return Spot(0.0, 0.0, 0.0, 0.0) if name == self.base_frame else self.table.spots[name]
+        """Where an object, a frame or the base really is."""
+        if name == self.base_frame:
+            return Spot(0.0, 0.0, 0.0, 0.0)
+        return self.table.spots.get(name) or spot_of(name, self.table.spots)
 
     @property
     def hand_spot(self) -> Spot:
@@ -264,6 +267,9 @@ class KinematicWorld:
         """The pose that the camera gives for a frame, the same for everyone until the next step."""
         if name == self.base_frame:
             return (0.0, 0.0, 0.0), IDENTITY_XYZW
+        if is_composed(name):
+            pose = pose_of(name, lambda each: Pose(*self.see(each)))
+            return pose.position, pose.quaternion_xyzw
         if name not in self._seen:
             if name not in self.table.spots:
                 raise LearnerError(f"there is no {name!r} in this world; there are {', '.join(self.table.spots)}")

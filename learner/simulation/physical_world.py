@@ -36,7 +36,7 @@ from learner.simulation.cell import arm_kinematics, camera, skills
 from learner.simulation.cell.physics import Activity, World
 from learner.simulation.cell.skills import Skill, SkillResult
 from learner.simulation.failure import Failure
-from learner.simulation.gravity import WALL_M, Body, Spot, Table
+from learner.simulation.gravity import WALL_M, Body, Spot, Table, spot_of
 from learner.simulation.kinematic_world import PERIOD_S, Attempt, Behavior, Faults, Noise
 
 DENSITY_KG_PER_M3: Final = 800.0
@@ -108,8 +108,10 @@ class PhysicalWorld:
     # -- what is true --------------------------------------------------------------------------------------------
 
     def spot(self, name: str) -> Spot:
-        """Where an object or the base frame really is."""
-        return Spot(0.0, 0.0, 0.0, 0.0) if name == self.base_frame else self.table.spots[name]
+        """Where an object, a frame or the base really is."""
+        if name == self.base_frame:
+            return Spot(0.0, 0.0, 0.0, 0.0)
+        return self.table.spots.get(name) or spot_of(name, self.table.spots)
 
     @property
     def held(self) -> str | None:

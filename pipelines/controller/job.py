@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from learner.execution.perception import CellState, condition_of
 from learner.execution.ticking import Status, Ticker
+from learner.model.frame import START, objects_of
 from learner.model.holding import Sizes
 from learner.model.names import check_name
 from learner.model.scene import Scene
@@ -64,6 +65,8 @@ class Job:
         if unset:
             raise CommandError(f"the manifest of {name} does not state its {' and '.join(unset)}; learn it again")
         base, end_effector = (check_name("frame", value) for value in frames.values())
+        if beginning := [frame for frame in sorted(tree.frames()) if frame.endswith(START)]:
+            raise CommandError(f"{name} goes by the frame {beginning[0]}, which this controller does not run")
         return Job(
             task, name, tree.digest, tree, tree.flattened(), base, end_effector, _sizes(name, manifest.get("scene"))
         )
@@ -76,7 +79,8 @@ class Job:
     @property
     def needs(self) -> dict[str, str]:
         """What must be seen in the cell: names, each with what it is to the tree."""
-        frames = dict.fromkeys(sorted(self.tree.frames() - {self.base_frame}), "frame")
+        names = {name for frame in self.tree.frames() for name in objects_of(frame)}
+        frames = dict.fromkeys(sorted(names - {self.base_frame}), "frame")
         objects = dict.fromkeys(sorted(self.tree.objects()), "object")
         return {self.end_effector_frame: "end-effector frame", **frames, **objects}
 

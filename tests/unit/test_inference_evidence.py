@@ -56,7 +56,14 @@ def dropped(sigma_m: float) -> Made:
     return made
 
 
-@pytest.mark.parametrize("made", [anywhere, between])
+def test_a_place_between_two_objects_is_told_by_both() -> None:
+    for count in (3, 6, 20):
+        (target,) = supported(understood("ABC", between, count, seed=4))
+        assert (target.frame, target.type) == ("A+C", "place")
+        assert target.certainty > 0.99
+
+
+@pytest.mark.parametrize("made", [anywhere])
 def test_more_demonstrations_of_what_no_frame_explains_find_no_frame(made: Made) -> None:
     """Two of a few may lie together by chance; of many, none that count do."""
     few = [supported(understood("ABC", made, count, seed)) for count in (3, 6) for seed in range(10)]

@@ -80,6 +80,7 @@ def test_a_published_tree_comes_back_with_its_manifest(store: ArtifactStore) -> 
         "objects": ["A"],
         "task": "kitting",
         "version": 1,
+        "vocabulary": 1,
         "xml_sha256": hashlib.sha256(artifact.xml.encode()).hexdigest(),
     }
     assert artifact.manifest_json == json.dumps(artifact.manifest, sort_keys=True, separators=(",", ":"))

@@ -19,6 +19,7 @@ import pybullet
 from learner.errors import LearnerError
 from learner.model import Pose
 from learner.model.condition import GripperState
+from learner.model.frame import objects_of, pose_of
 from learner.model.pose import Array
 from learner.simulation.cell.arm import GRIPPER_LINKS, OPEN_WIDTH_M, TOOL_LINK, Arm
 from learner.simulation.cell.camera import SAMPLES, Camera, Noise
@@ -243,16 +244,19 @@ class World:
         return poses | {name: upright(poses[name]) for name in cubes}
 
     def frame_in_base(self, frame: str) -> Pose:
-        """The pose of a frame as the cell perceives it: the base, or the estimate of an object's pose.
+        """The pose of a frame as the cell perceives it: the base, or by the estimates of the objects that it goes by.
 
         Raises UnknownObjectError.
         """
         if frame == BASE:
             return Pose((0.0, 0.0, 0.0))
-        if frame not in self._ids:
+        if not set(objects_of(frame)) <= self._ids.keys():
             raise UnknownObjectError("frame", frame, (BASE, *self.objects))
         self.observe()
-        estimate = self.camera.estimate(frame)
+        return pose_of(frame, self._estimate)
+
+    def _estimate(self, name: str) -> Pose:
+        estimate = self.camera.estimate(name)
         assert estimate is not None  # just observed
         return estimate
 
