@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
 import sys
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, NoReturn
 
 from pipelines.console import Console
 from pipelines.errors import CommandError
@@ -53,10 +54,40 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
+class Parser(argparse.ArgumentParser):
+    """Wrong usage is told with what was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with 2 after one line, as argparse does."""
+        super().error(message + _meant(message))
+
+
+class _Version(argparse.Action):
+    """Says which version this is; found only when it is asked for, since looking takes as long as all other help."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print(f"treewright {version('treewright')}")
+        parser.exit()
+
+
+def _meant(message: str) -> str:
+    """The choice that is nearest to a wrong one."""
+    found = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message)
+    if not found:
+        return ""
+    from difflib import get_close_matches
+
+    near = get_close_matches(found[1], re.findall(r"'([^']*)'", found[2]), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
 def _parser(chosen: str | None) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="treewright", description="From shop-floor demonstrations to behavior trees that a robot cell runs."
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="which version this is")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")

@@ -26,7 +26,13 @@ if TYPE_CHECKING:
 
 MOVES = ("pick", "place", "drop")
 ACTIONS = (*MOVES, "signal", "undo")
-REQUESTS = ("pause", "resume", "split", "discard", "status")
+REQUESTS = {
+    "pause": "what comes is not recorded until resume",
+    "resume": "what comes is recorded again",
+    "split": "go on in another file of the same demonstration",
+    "discard": "end the demonstration and throw it away",
+    "status": "what the recorder does, has counted, and is alarmed about",
+}
 APPEARS_S = 3.0
 """What a session has not heard of for this long [s] after it was opened is not on the network."""
 
@@ -60,8 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     buttons.add_parser("undo", help="take back the newest action that is not taken back yet", parents=[common])
     stop = buttons.add_parser("stop", help="end the demonstration; answers when it is durable", parents=[common])
     stop.add_argument("--outcome", choices=("success", "failure", "unknown"), default="success")
-    for name in REQUESTS:
-        buttons.add_parser(name, parents=[common])
+    for name, does in REQUESTS.items():
+        buttons.add_parser(name, help=does, parents=[common])
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:

@@ -1,14 +1,15 @@
 """`treewright store`: the artifact store on the command line.
 
-    list                              the tasks, their newest version and aliases
-    show T[@V]                        the manifest
+    list                              the tasks with all versions and aliases
+    show T[@V]                        a page for people; with --json the manifest
     export T[@V] --format F -o FILE   the tree as btcpp (XML), json or svg; `-` is standard output
     alias T NAME VERSION              let an alias point to a version; `production` moves by this alone
     verify T[@V]                      hash everything again, validate the XML, compare with the manifest
 
 `@V` is a version or an alias; without it `production` if set, else `latest`. With --json:
 
-    list     [{"task", "version", "digest", "aliases": {name: version}}]
+    list     [{"task", "version", "digest", "aliases": {name: version}, "versions": [{"version", "digest", "created",
+             "nodes", "nodes_recovery", "aliases": [name], "doubtful", "approved"}]}], version and digest the newest
     show     the manifest with "aliases": [name], "doubtful": [sentence] and "approved": [{"by", "stamp_ns"}] added
     export   {"task", "version", "digest", "format", "file"}
     alias    {"task", "alias", "version", "changed"}
@@ -20,7 +21,6 @@ The database lies in the data root, or where TREEWRIGHT_STORE_URL says.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import secrets
 import sys
@@ -42,8 +42,10 @@ FORMATS: Final = ("btcpp", "json", "svg")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `treewright store`."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    _add(actions, "list", "the tasks, their newest version and aliases")
-    _add(actions, "show", "the manifest of a version").add_argument("tree", metavar="T[@V]", help=_TREE_HELP)
+    _add(actions, "list", "the tasks with all versions and aliases")
+    _add(actions, "show", "what a version does, and how sure that is").add_argument(
+        "tree", metavar="T[@V]", help=_TREE_HELP
+    )
     export = _add(actions, "export", "write a tree")
     export.add_argument("tree", metavar="T[@V]", help=_TREE_HELP)
     export.add_argument("--format", choices=FORMATS, default="btcpp", help="BehaviorTree.CPP XML, JSON or a picture")
@@ -84,20 +86,25 @@ def _add(
 
 
 def _list(store: ArtifactStore, _: argparse.Namespace, console: Console) -> None:
-    tasks = store.tasks()
+    tasks = [row | {"versions": store.versions(row["task"])} for row in store.tasks()]
     console.emit(tasks)
     for row in tasks:
-        aliases = ", ".join(f"{name} is {version}" for name, version in row["aliases"].items())
-        console.say(f"{row['task']}@{row['version']}  {row['digest'][:12]}  {aliases}".rstrip())
+        for each in row["versions"]:
+            size = f"{each['nodes']} nodes, {each['nodes_recovery']} that recover"
+            aliases = ", ".join(each["aliases"])
+            name = f"{row['task']}@{each['version']}"
+            console.say(f"{name}  {each['created']}  {each['digest'][:12]}  {size}  {aliases}".rstrip())
     if not tasks:
         console.say(f"nothing is stored in {store.root}; `treewright learn TASK` publishes a tree")
 
 
 def _show(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
+    from pipelines.steps.page import page_of
+
     artifact = _chosen(store, arguments)
     document = {**artifact.manifest, **artifact.standing.to_data(), "aliases": list(artifact.aliases)}
     console.emit(document)
-    console.say(json.dumps(document, indent=2, sort_keys=True))
+    console.say(page_of(artifact))
 
 
 def _export(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:

@@ -62,11 +62,23 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
 
 def test_store_list_tells_tasks_versions_and_aliases(home: Home) -> None:
-    assert home.json("store", "list") == [
-        {"task": "kitting", "version": 2, "digest": tree(0.2).digest, "aliases": {"latest": 2}}
+    (row,) = home.json("store", "list")
+    versions = row.pop("versions")
+    assert row == {"task": "kitting", "version": 2, "digest": tree(0.2).digest, "aliases": {"latest": 2}}
+    assert [(each["version"], each["aliases"], each["doubtful"]) for each in versions] == [
+        (2, ["latest"], []),
+        (1, [], []),
     ]
-    assert "kitting@2" in home.run("store", "list")
+    lines = home.run("store", "list").splitlines()
+    assert [line.split()[0] for line in lines] == ["kitting@2", "kitting@1"]
     assert home.run("store", "--json", "list") == home.run("store", "list", "--json")
+
+
+def test_store_show_is_a_page_for_people(home: Home) -> None:
+    page = home.run("store", "show", "kitting")
+    assert page.startswith("kitting@2 (latest), ")
+    assert f"digest {tree(0.2).digest}" in page
+    assert "{" not in page
 
 
 def test_store_show_tells_the_manifest_of_production_else_latest(home: Home) -> None:
