@@ -29,7 +29,7 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
     draft = Draft(understood, parameters.planning, understood_without(understood))
     asked = questions(demonstrations, understood.targets, parameters.inference, understood.groups)
     users = agreement(understood, draft.without)
-    doubts = doubts_about(understood, parameters.planning.means, parameters.regularities)
+    doubts = doubts_about(understood, parameters.regularities)
     report, notes = _report(understood, asked, users), _notes(understood, doubts, asked, users)
     return Learned(draft.tree(), report, notes, parameters, doubts=doubts, draft=draft)
 

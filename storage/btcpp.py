@@ -25,6 +25,7 @@ from learner.model.tree import (
     LEAVES,
     MAX_DEPTH,
     REFERENCE,
+    SECOND,
     SEQUENCES,
     SUBTREE,
     Definition,
@@ -47,7 +48,10 @@ PORT_DOCUMENTATION: Final = {
     "position": "x;y;z in metres in frame",
     "orientation": "quaternion x;y;z;w in frame",
     "radius": "metres",
+    "angle": "radians",
 }
+SCALARS: Final = ("radius", "angle")
+"""Ports that hold one number."""
 MAX_NODES: Final = 300_000
 """Far beyond any learned tree; SubTrees of SubTrees can multiply without bound."""
 RESERVED_PORTS: Final = ("name", "ID")
@@ -58,7 +62,7 @@ PortKinds = Mapping[tuple[str, str], str]
 
 
 def to_xml(tree: Tree) -> str:
-    """The text of `tree`: compact form, two spaces of indentation, a TreeNodesModel of the eight nodes.
+    """The text of `tree`: compact form, two spaces of indentation, a TreeNodesModel of the vocabulary's nodes.
 
     SubTrees are named after what they do, no two alike within one definition. Raises WrittenTreeError for a tree that
     BehaviorTree.CPP 4.10 or the contract would refuse.
@@ -67,7 +71,7 @@ def to_xml(tree: Tree) -> str:
     for definition in (tree.main, *tree.subtrees):
         behavior = ET.SubElement(root, "BehaviorTree", {"ID": definition.id})
         behavior.append(_element(definition.root, set()))
-    root.append(_model())
+    root.append(_model(tree))
     ET.indent(root)
     text = '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
     if from_xml(text) != tree:
@@ -140,10 +144,13 @@ def _written(value: Value) -> str:
     return ";".join(map(repr, numbers))
 
 
-def _model() -> ET.Element:
+def _model(tree: Tree) -> ET.Element:
+    """Of every node of the vocabulary that the tree needs."""
     model = ET.Element("TreeNodesModel")
     for tag, leaves in (("Condition", CONDITIONS), ("Action", ACTIONS)):
         for kind, ports in leaves.items():
+            if kind in SECOND and tree.vocabulary < 2:
+                continue
             entry = ET.SubElement(model, tag, {"ID": kind})
             for port in ports:
                 ET.SubElement(entry, "input_port", {"name": port}).text = PORT_DOCUMENTATION[port]
@@ -281,12 +288,12 @@ def _node(element: ET.Element, kinds: PortKinds) -> Node:
 
 def _value(element: ET.Element, port: str, text: str, kinds: PortKinds) -> Value:
     kind = _attribute_kind(element, port, kinds)
-    if REFERENCE.fullmatch(text) or kind not in (*LENGTHS, "radius"):
+    if REFERENCE.fullmatch(text) or kind not in (*LENGTHS, *SCALARS):
         return text
     numbers = _numbers(element, port, text)
     if len(numbers) != LENGTHS.get(kind, 1):
         raise WrittenTreeError(f"{element.tag} has {port} = {text!r}, which are {len(numbers)} numbers")
-    return numbers[0] if kind == "radius" else numbers
+    return numbers[0] if kind in SCALARS else numbers
 
 
 def _numbers(element: ET.Element, port: str, text: str) -> tuple[float, ...]:
@@ -309,8 +316,8 @@ def _check_values(tree: Tree) -> None:
                 check_name(port, value)
             if port == "state" and value not in ("open", "closed"):
                 raise WrittenTreeError(f"{node.kind} has state = {value!r}; a gripper is open or closed")
-            if port == "radius" and not (isinstance(value, float) and value > 0):
-                raise WrittenTreeError(f"{node.kind} has radius = {value!r}; a radius is above 0")
+            if port in SCALARS and not (isinstance(value, float) and value > 0):
+                raise WrittenTreeError(f"{node.kind} has {port} = {value!r}; it is above 0")
 
 
 def _check_extent(roots: Roots) -> None:

@@ -14,6 +14,7 @@ PORT_VALUES: dict[str, st.SearchStrategy[Value]] = {
     "frame": NAMES,
     "state": st.sampled_from(["open", "closed"]),
     "radius": st.floats(1e-9, 0.1),
+    "angle": st.floats(1e-9, 3.0),
     "position": st.tuples(NUMBERS, NUMBERS, NUMBERS),
     "orientation": st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS),
 }

@@ -8,18 +8,28 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from learner.errors import TreeError
 from learner.model.action import Motion, SetGripper
-from learner.model.condition import Condition, GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.condition import (
+    Condition,
+    GripperIs,
+    GripperState,
+    InGripper,
+    ObjectAt,
+    ObjectPosedAt,
+    ObjectRoughlyAt,
+)
 from learner.model.frame import objects_of, pose_of
 from learner.model.holding import Grasp, Sighting, Sizes, grasped
 from learner.model.names import NONE
 from learner.model.pose import Pose, Vector, rotated
+from learner.model.scene import Symmetry
 from learner.model.tree import Node
+from learner.model.turning import turned_rad
 
 UNSEEN_NS: Final = 10_000_000_000
 """A condition on an object unseen for this long fails [ns] (CONTRACT, 3)."""
@@ -64,8 +74,16 @@ class CellState:
     still held. Where the first sample already says closed, the poses at the first question decide.
     """
 
-    def __init__(self, base_frame: str, end_effector_frame: str, sizes: Sizes | None = None) -> None:
+    def __init__(
+        self,
+        base_frame: str,
+        end_effector_frame: str,
+        sizes: Sizes | None = None,
+        symmetries: Mapping[str, Symmetry] | None = None,
+    ) -> None:
         self.base_frame, self.end_effector_frame, self.sizes = base_frame, end_effector_frame, sizes or {}
+        self.symmetries = symmetries or {}
+        """Which turns of each object look the same; of one that is not named, none."""
         self.now_ns = 0
         """The newest stamp of any pose [ns]; 0 before the first."""
         self.gripper: GripperState | None = None
@@ -163,7 +181,8 @@ class CellState:
             case InGripper(object=name):
                 return gripper is not None and self._in_gripper(name, held)
             case ObjectAt():
-                return condition.object != held and self._is_near(condition, vertical=True)
+                near = condition.object != held and self._is_near(condition, vertical=True)
+                return near and self._is_turned(condition)
             case ObjectRoughlyAt():
                 return condition.object != held and self._is_near(condition, vertical=False)
 
@@ -177,6 +196,15 @@ class CellState:
         at = self._seen[condition.object].pose.position
         distance = math.hypot(at[0] - x, at[1] - y, at[2] - z if vertical else 0.0)
         return distance <= condition.radius
+
+    def _is_turned(self, condition: ObjectAt) -> bool:
+        if not isinstance(condition, ObjectPosedAt):
+            return True
+        frame, pose = self.pose(condition.frame), self._seen[condition.object].pose
+        assert frame is not None  # it is near a place in it
+        inside = (frame.inverse() @ pose).quaternion_xyzw
+        symmetry = self.symmetries.get(condition.object, "none")
+        return turned_rad(inside, condition.orientation, symmetry) <= condition.angle
 
     def _in_base(self, position: Vector, frame: str) -> Vector:
         if frame == self.base_frame:

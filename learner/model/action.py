@@ -17,6 +17,7 @@ from learner.model.condition import (
     GripperState,
     InGripper,
     ObjectAt,
+    ObjectPosedAt,
     ObjectRoughlyAt,
 )
 from learner.model.names import NONE
@@ -64,10 +65,14 @@ class Place(_Release):
     """Move the end-effector to the pose in `frame`, open the gripper: `object` rests at `rest` [m] in `frame`."""
 
     radius: float = PLACE_RADIUS_M
+    turned: tuple[Quaternion, float] | None = None
+    """The object's orientation (xyzw) at rest in `frame`, and within what angle [rad]; None where any will do."""
 
     @property
     def achieves(self) -> ObjectAt:
-        return ObjectAt(self.object, self.frame, self.rest, self.radius)
+        if self.turned is None:
+            return ObjectAt(self.object, self.frame, self.rest, self.radius)
+        return ObjectPosedAt(self.object, self.frame, self.rest, self.radius, *self.turned)
 
     @property
     def postconditions(self) -> Conditions:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from learner.errors import ModelError
 from learner.model.names import NONE
-from learner.model.pose import Vector
+from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector
 
 GripperState = Literal["open", "closed"]
 
@@ -59,7 +60,16 @@ class ObjectRoughlyAt:
     radius: float = DROP_RADIUS_M
 
 
+@dataclass(frozen=True, order=True)
+class ObjectPosedAt(ObjectAt):
+    """ObjectAt, and the object's `orientation` (xyzw) in `frame` is within `angle` [rad], up to its symmetry."""
+
+    orientation: Quaternion = IDENTITY_XYZW
+    angle: float = math.pi
+
+
 Condition = GripperIs | InGripper | ObjectAt | ObjectRoughlyAt
+"""An ObjectPosedAt is an ObjectAt that says more."""
 
 
 def compatible(a: Condition, b: Condition) -> bool:

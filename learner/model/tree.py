@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from learner.errors import TreeError
 from learner.model.action import Action, Drop, Motion, Pick, Place, SetGripper
-from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt
+from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectPosedAt, ObjectRoughlyAt
 from learner.model.frame import is_composed
 from learner.model.names import NONE
 from learner.model.pose import Pose
@@ -33,8 +33,11 @@ CONDITIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "GripperIs": ("state",),
     "InGripper": ("object",),
     "ObjectAt": SPOT,
+    "ObjectPosedAt": (*SPOT, "orientation", "angle"),
     "ObjectRoughlyAt": SPOT,
 }
+SECOND: Final = ("ObjectPosedAt",)
+"""The nodes of vocabulary 2."""
 ACTIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "Pick": POSE,
     "Place": POSE,
@@ -106,6 +109,8 @@ def _word_of(node: Node) -> Word:
             return InGripper(**ports)
         case "ObjectAt":
             return ObjectAt(**ports)
+        case "ObjectPosedAt":
+            return ObjectPosedAt(**ports)
         case "ObjectRoughlyAt":
             return ObjectRoughlyAt(**ports)
         case "SetGripper":
@@ -129,6 +134,8 @@ def leaf(word: Condition | Action) -> Node:
                 "position": word.position,
                 "radius": word.radius,
             }
+            if isinstance(word, ObjectPosedAt):
+                values |= {"orientation": word.orientation, "angle": word.angle}
         case Pick() | Place() | Drop():
             values = {
                 "object": word.object,
@@ -240,7 +247,9 @@ class Tree:
     @property
     def vocabulary(self) -> int:
         """The least vocabulary of CONTRACT, section 3, that a world must know to run this tree."""
-        return 2 if any(is_composed(frame) for frame in self.frames()) else 1
+        written = (node for definition in self.definitions.values() for node in definition.root.walk())
+        posed = any(node.kind in SECOND for node in written)
+        return 2 if posed or any(is_composed(frame) for frame in self.frames()) else 1
 
     def _named(self, port: str) -> frozenset[str]:
         values = (value for node in self.flattened().walk() for name, value in node.ports if name == port)
@@ -332,7 +341,7 @@ def _check_value(node: Node, name: str, value: Value) -> None:
     lengths = {"position": 3, "orientation": 4}
     if name in lengths:
         fits = isinstance(value, tuple) and len(value) == lengths[name] and all(map(math.isfinite, value))
-    elif name == "radius":
+    elif name in ("radius", "angle"):
         fits = isinstance(value, float) and 0 < value < math.inf
     elif name == "state":
         fits = value in ("open", "closed")

@@ -19,6 +19,7 @@ from learner.planning.grasps import Upright
 from learner.planning.parameters import PlanningParameters
 from learner.planning.rounding import rounded, rounded_pose, rounded_vector
 from learner.planning.symmetry import agreeing_in_object, mean_in_object, mean_of_object, robust_mean, upright_axis
+from learner.planning.turned import turned_at
 
 
 class LearnedActions:
@@ -51,6 +52,10 @@ class LearnedActions:
     def grasp_of(self, pick: Pick) -> Pose:
         """The end-effector's pose in the object's frame when it grasps as `pick` does."""
         return Pose(pick.position, pick.orientation)
+
+    def _is_known(self, name: str) -> bool:
+        """Whether a scene tells the object's shape: else nobody knows which turns of it look the same."""
+        return self.scene is not None and name in self.scene.objects
 
     def _symmetry(self, name: str) -> Symmetry:
         return self._shape(name).symmetry
@@ -107,7 +112,9 @@ class LearnedActions:
         hand = rounded_pose(release @ self.grasps[name])
         rest = rounded_vector(self._rest(target))
         if target.type == "place":
-            return Place(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._place_radius(target))
+            turned = turned_at(target, self.moves, symmetry, axis, p) if self._is_known(name) else None
+            radius = self._place_radius(target)
+            return Place(name, target.frame, hand.position, hand.quaternion_xyzw, rest, radius, turned)
         return Drop(name, target.frame, hand.position, hand.quaternion_xyzw, rest, self._drop_radius(target))
 
     def _rest(self, target: Target) -> Array:

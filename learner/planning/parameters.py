@@ -76,11 +76,28 @@ class RecoveryParameters:
 
 
 @dataclass(frozen=True)
+class TurnParameters:
+    """Whether an orientation matters."""
+
+    alike_rad: float = math.radians(12)
+    """Orientations within this of their mean are the same: several times the hand's noise."""
+    strays: float = 1 / 6
+    """At most this share of them may be otherwise."""
+    chance: float = 0.02
+    """Orientations that would agree more often than so if nobody cared tell nothing."""
+    noise_rad: float = math.radians(10)
+    """A condition's angle is this, for what is seen and grasped askew, and `spread_radii` deviations more, ..."""
+    most_rad: float = math.radians(25)
+    """... but never more than this."""
+
+
+@dataclass(frozen=True)
 class PlanningParameters:
     """How grasps, placements and their radii are made, and what recovers."""
 
     means: MeanParameters = field(default_factory=MeanParameters)
     grasps: GraspParameters = field(default_factory=GraspParameters)
+    turns: TurnParameters = field(default_factory=TurnParameters)
     recovery: RecoveryParameters = field(default_factory=RecoveryParameters)
     min_samples: int = 3
     """So many grasps or rests tell their own mean and spread (paper, section III-E)."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from learner.errors import TreeError
 from learner.model import GripperIs, InGripper, Motion, Node, ObjectAt, ObjectRoughlyAt, Pose, SetGripper
+from learner.model.condition import ObjectPosedAt
 from learner.model.frame import is_composed
 from learner.model.names import NONE
 from learner.model.pose import Vector
@@ -39,6 +40,8 @@ Ints = NDArray[np.intp]
 LocationNumbers = NDArray[np.int16]
 Floats = NDArray[np.float32]
 FIXED: Final = "that frames which go by several objects move with them"
+
+TURNED: Final = "how objects are turned"
 
 
 def _piles(levels: int) -> str:
@@ -122,8 +125,9 @@ class AbstractWorld:
         self.movable = [self.index[name] for name in self.objects if name in self.grasps]
         self.locations = {name: self._locations_of(name, words) for name in self.objects}
         self.sizes = [FIRST_LOCATION + len(self.locations[name]) for name in self.objects]
-        self._composed = any(is_composed(frame) for frame in self.frames)
-        self.left_out = FIXED if self._composed else None
+        self._unseen = [FIXED] if any(is_composed(frame) for frame in self.frames) else []
+        self._unseen += [TURNED] if any(isinstance(word, ObjectPosedAt) for word in words) else []
+        self.left_out = "; ".join(self._unseen) or None
         """What the proof does not see: piles that recovery does not take down, frames that move with two objects."""
 
     def _locations_of(self, name: str, words: Sequence[Word]) -> list[Location]:
@@ -277,7 +281,7 @@ class AbstractWorld:
         layout = self.layout(states)
         fits = layout.offsets[LEVEL].max(axis=0, initial=0) <= self.levels
         if not fits.all():
-            self.left_out = "; ".join(filter(None, (FIXED if self._composed else None, _piles(self.levels))))
+            self.left_out = "; ".join([*self._unseen, _piles(self.levels)])
         for b, c in combinations([number for number in self.movable if number <= a], 2):
             fits &= ~layout.near(b, layout.offsets[:3, c], layout.roots[c], self.parameters.overlap_m)
         return np.asarray(fits)

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from learner.inference.understanding import Understanding
 from learner.model.doubt import Doubt
-from learner.planning.parameters import MeanParameters
 from learner.regularities.choices import choices
 from learner.regularities.parameters import RegularityParameters
 from learner.regularities.places import unexplained_places, wide_places
 from learner.regularities.returns import returns
-from learner.regularities.turns import turns
 from learner.regularities.visits import visits
 
 
-def doubts_about(
-    understood: Understanding, means: MeanParameters, parameters: RegularityParameters
-) -> tuple[Doubt, ...]:
+def doubts_about(understood: Understanding, parameters: RegularityParameters) -> tuple[Doubt, ...]:
     """What the demonstrations have in common and a tree of what was understood does not reproduce."""
     return (
         *unexplained_places(understood, parameters),
@@ -23,5 +19,4 @@ def doubts_about(
         *choices(understood, parameters),
         *visits(understood, parameters),
         *returns(understood, parameters),
-        *turns(understood, means, parameters),
     )

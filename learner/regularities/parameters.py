@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 
@@ -18,7 +17,5 @@ class RegularityParameters:
     """One demonstration has nothing in common with itself."""
     likely: float = 0.8
     """From this probability on a shape of place (a line, an area) is named."""
-    turned_rad: float = math.radians(12)
-    """Orientations within this of their mean are the same: several times the hand's noise."""
     chance: float = 0.02
-    """Orientations that would agree so rarely if nobody cared were meant."""
+    """Starts that would tell two goals apart so rarely by chance do tell them apart."""

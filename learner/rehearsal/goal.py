@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 from learner.inference.goals import Group
 from learner.inference.targets import Target
-from learner.model import Drop, ObjectAt, Place
-from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, ObjectRoughlyAt
+from learner.model import Drop, ObjectAt, Place, Pose
+from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, ObjectPosedAt, ObjectRoughlyAt
+from learner.model.turning import turned_rad
 from learner.rehearsal.stage import Stage
 from learner.simulation.arena import Arena
 from learner.simulation.gravity import Spot, Table
@@ -39,7 +40,8 @@ class Goal:
             chain.append(frame)
         spot = world.spot(chain[-1].frame)
         for link in reversed(chain):
-            spot = spot.compose(Spot(*link.position, 0.0))
+            yaw = Spot.of(Pose((0.0, 0.0, 0.0), link.orientation)).yaw if isinstance(link, ObjectPosedAt) else 0.0
+            spot = spot.compose(Spot(*link.position, yaw))
         return spot
 
     def reached_in(self, world: Arena) -> Table:
@@ -81,7 +83,11 @@ def on_stage(relation: Relation, stage: Stage) -> Relation:
     """
     widest = PLACE_RADIUS_M if isinstance(relation, ObjectAt) else DROP_RADIUS_M
     radius = widest + stage.parameters.judging.slack_m
-    return replace(relation, position=stage.point(relation.frame, relation.position), radius=radius)
+    there = replace(relation, position=stage.point(relation.frame, relation.position), radius=radius)
+    if not isinstance(there, ObjectPosedAt):
+        return there
+    orientation = stage.turned(there.frame, there.object, there.orientation)
+    return replace(there, orientation=orientation, angle=there.angle + stage.parameters.judging.slack_rad)
 
 
 def holds(relation: Relation, world: Arena) -> bool:
@@ -89,4 +95,9 @@ def holds(relation: Relation, world: Arena) -> bool:
     at = world.spot(relation.frame).relative(world.spot(relation.object))
     x, y, z = relation.position
     away_m = math.hypot(at.x - x, at.y - y, 0.0 if isinstance(relation, ObjectRoughlyAt) else at.z - z)
-    return world.held != relation.object and away_m <= relation.radius
+    near = world.held != relation.object and away_m <= relation.radius
+    if not near or not isinstance(relation, ObjectPosedAt):
+        return near
+    turned = Spot(0.0, 0.0, 0.0, at.yaw).pose().quaternion_xyzw
+    symmetry = world.bodies[relation.object].shape.symmetry
+    return turned_rad(turned, relation.orientation, symmetry) <= relation.angle

@@ -77,6 +77,8 @@ class JudgingParameters:
     """... and this many more for each thing that was put in the way: twice a pick and a placement."""
     slack_m: float = 0.015
     """The truth may lie this much outside of the paper's radius: the camera may have seen it within."""
+    slack_rad: float = math.radians(4)
+    """The same of an orientation."""
     told: int = 5
     """So many failures are told."""
 

@@ -147,7 +147,8 @@ class Stage:
         known = {ports: self._ports(dict(ports)) for ports in {node.ports for node in root.walk()}}
 
         def moved(node: Node) -> Node:
-            return replace(node, ports=known[node.ports], children=tuple(moved(child) for child in node.children))
+            ports = known[node.ports] if node.kind != "ObjectPosedAt" else self._posed(dict(node.ports))
+            return replace(node, ports=ports, children=tuple(moved(child) for child in node.children))
 
         return moved(root)
 
@@ -159,6 +160,16 @@ class Stage:
         elif "position" in ports:
             ports["position"] = self.point(frame, ports["position"])  # type: ignore[arg-type]  # checked by Tree
         return tuple(sorted(ports.items()))
+
+    def _posed(self, ports: dict[str, Value]) -> tuple[tuple[str, Value], ...]:
+        orientation = self.turned(str(ports["frame"]), str(ports["object"]), ports["orientation"])  # type: ignore[arg-type]  # checked by Tree
+        position = self.point(str(ports["frame"]), ports["position"])  # type: ignore[arg-type]  # as above
+        return tuple(sorted({**ports, "position": position, "orientation": orientation}.items()))
+
+    def turned(self, frame: str, name: str, quaternion_xyzw: Quaternion) -> Quaternion:
+        """The orientation of an upright body in the stage's frame, for that of its object in the one demonstrated."""
+        into, own = self._into(frame), Pose((0.0, 0.0, 0.0), self.turns[name])
+        return (into @ Pose((0.0, 0.0, 0.0), quaternion_xyzw) @ own.inverse()).quaternion_xyzw
 
     def point(self, frame: str, position: Vector) -> Vector:
         """A point [m] of a frame as it was demonstrated, in the stage's frame of that name."""

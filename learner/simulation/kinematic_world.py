@@ -29,6 +29,7 @@ from learner.model.holding import Grasp, Sighting, Sizes, grasped
 from learner.model.names import NONE
 from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector, rotated
 from learner.model.tree import Value
+from learner.model.turning import turned_rad
 from learner.simulation.failure import Failure
 from learner.simulation.gravity import GIVE_M, Body, Spot, Table, spot_of
 
@@ -213,7 +214,13 @@ class KinematicWorld:
         position = self.see(name)[0]
         height = 0.0 if kind == "ObjectRoughlyAt" else position[2] - target[2]
         distance = math.hypot(position[0] - target[0], position[1] - target[1], height)
-        return distance <= float(ports["radius"])  # type: ignore[arg-type]  # as above
+        near = distance <= float(ports["radius"])  # type: ignore[arg-type]  # as above
+        return near and (kind != "ObjectPosedAt" or self._is_turned(name, ports))
+
+    def _is_turned(self, name: str, ports: Mapping[str, Value]) -> bool:
+        inside = (Pose(*self.see(str(ports["frame"]))).inverse() @ Pose(*self.see(name))).quaternion_xyzw
+        symmetry = self.bodies[name].shape.symmetry
+        return turned_rad(inside, ports["orientation"], symmetry) <= float(ports["angle"])  # type: ignore[arg-type]  # as above
 
     def _in_base(self, frame: str, position: Vector) -> Vector:
         origin, quaternion = self.see(frame)

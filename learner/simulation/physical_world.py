@@ -89,7 +89,8 @@ class PhysicalWorld:
         start = {name: spot.pose() for name, spot in spots.items()}
         self._world = World(scenario, rng, _as_simulated_noise(noise or Noise()), start, glides=True, looks=1)
         own_sizes = {name: body.shape.size_m for name, body in bodies.items()}
-        self._cell = CellState(base_frame, scenarios.TOOL, own_sizes if sizes is None else sizes)
+        symmetries = {name: body.shape.symmetry for name, body in bodies.items()}
+        self._cell = CellState(base_frame, scenarios.TOOL, own_sizes if sizes is None else sizes, symmetries)
         self._end_effector = Pose(end_effector)
         self._under_way: _UnderWay | None = None
         self._conditions: dict[int, tuple[Node, Condition]] = {}

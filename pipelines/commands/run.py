@@ -89,11 +89,10 @@ def _on_cell(
     cell: str,
     stop: threading.Event,
 ) -> int:
-    from learner.execution.perception import CellState
     from pipelines.controller.cell_link import CellLink
     from pipelines.network.ownership import owned
 
-    with CellLink(session, cell, CellState(job.base_frame, job.end_effector_frame, job.sizes)) as link:
+    with CellLink(session, cell, job.empty_state()) as link:
         job.await_cell(link, stop)
         if arguments.dry_run:
             return _say_what_would_be_done(console, job, link)

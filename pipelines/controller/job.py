@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Final
 from learner.execution.perception import CellState, condition_of
 from learner.execution.ticking import Status, Ticker
 from learner.model.frame import START, objects_of
-from learner.model.holding import Sizes
 from learner.model.names import check_name
 from learner.model.scene import Scene
 from learner.model.tree import ACTIONS, CONDITIONS, Node, Tree
@@ -49,8 +48,8 @@ class Job:
     root: Node
     base_frame: str
     end_effector_frame: str
-    sizes: Sizes
-    """Of the objects, where the scene was known: by them the cell knows what it holds."""
+    scene: Scene
+    """The shapes of the objects, where they were known: by them the cell knows what it holds, and what looks alike."""
 
     @staticmethod
     def of(task: str, tree: Tree, manifest: Mapping[str, Any]) -> Job:
@@ -68,8 +67,13 @@ class Job:
         if beginning := [frame for frame in sorted(tree.frames()) if frame.endswith(START)]:
             raise CommandError(f"{name} goes by the frame {beginning[0]}, which this controller does not run")
         return Job(
-            task, name, tree.digest, tree, tree.flattened(), base, end_effector, _sizes(name, manifest.get("scene"))
+            task, name, tree.digest, tree, tree.flattened(), base, end_effector, _scene(name, manifest.get("scene"))
         )
+
+    def empty_state(self) -> CellState:
+        """The state of a cell of which nothing was seen yet."""
+        symmetries = {name: shape.symmetry for name, shape in self.scene.objects.items()}
+        return CellState(self.base_frame, self.end_effector_frame, self.scene.sizes, symmetries)
 
     @property
     def nodes(self) -> int:
@@ -129,10 +133,10 @@ class Job:
         )
 
 
-def _sizes(name: str, scene: Any) -> Sizes:
-    """Of a manifest's scene; none where it tells none, as those of earlier versions do."""
+def _scene(name: str, scene: Any) -> Scene:
+    """Of a manifest; without any object where it tells none, as those of earlier versions do."""
     try:
-        return {} if scene is None else Scene.of_data(scene).sizes
+        return Scene({}) if scene is None else Scene.of_data(scene)
     except ValueError as error:
         raise DamagedError(f"in the manifest of {name} {error}") from error
 

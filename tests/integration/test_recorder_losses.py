@@ -85,6 +85,9 @@ def test_a_router_restart_loses_nothing_that_a_cache_covers_and_counts_the_rest(
                     time.sleep(0.001)
 
             publish(50)
+            wait_for(
+                lambda: ask(theirs, "status")["messages"].get("/force") == 50, "what was sent through the first router"
+            )
             first.close()
             publish(200)
             with router(endpoint):
