@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
-import secrets
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -37,6 +36,7 @@ from storage.errors import (
     StorageError,
     StorageUnavailableError,
 )
+from storage.objects import Objects
 from storage.schema import ALIASES, CHANGES, METADATA, VERSIONS
 from storage.standing import Standing, standing_of
 
@@ -46,7 +46,6 @@ CONTRACT: Final = "1"
 LATEST: Final = "latest"
 PRODUCTION: Final = "production"
 DOUBTFUL: Final = "doubtful"
-DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 ATTEMPTS: Final = 50
 BUSY_S: Final = 30.0
 """How long a writer waits for another one's transaction on SQLite."""
@@ -84,24 +83,48 @@ class Published:
 
 @dataclass(frozen=True)
 class Artifact:
-    """One version of a task's tree, verified when it was read; `aliases` are the names that point to it now, and
-    `standing` is what is doubted of it now.
+    """One version of a task's tree, its bytes verified when they were read; `aliases` are the names that point to it
+    now, and `standing` is what is doubted of it now. What they hold is parsed when it is asked for.
     """
 
     task: str
     version: int
     digest: str
-    tree: Tree
     xml: str
-    manifest: Mapping[str, Any]
+    tree_json: str
     manifest_json: str
     aliases: tuple[str, ...]
     standing: Standing
 
+    @cached_property
+    def tree(self) -> Tree:
+        """The tree. Raises DamagedError where the database names another file as it."""
+        try:
+            return Tree.from_json(self.tree_json)
+        except LearnerError as error:
+            raise self._confused(error) from error
+
+    @cached_property
+    def manifest(self) -> Mapping[str, Any]:
+        """The manifest as it was published. Raises DamagedError where the database names another file as it."""
+        try:
+            document = json.loads(self.manifest_json)
+        except ValueError as error:
+            raise self._confused(error) from error
+        if not isinstance(document, dict):
+            raise self._confused(ValueError("the manifest is no object"))
+        return document
+
     @property
     def served_json(self) -> str:
         """The manifest with the standing, as canonical JSON: what a controller judges by."""
-        return canonical({**self.manifest, **self.standing.to_data()})
+        try:
+            return _served(self.manifest_json, canonical(self.standing.to_data()))
+        except (TypeError, ValueError) as error:
+            raise self._confused(error) from error
+
+    def _confused(self, error: Exception) -> DamagedError:
+        return DamagedError(f"the store's database confuses the files of {self.task}@{self.version}: {error}")
 
 
 @dataclass(frozen=True)
@@ -121,13 +144,14 @@ class ArtifactStore:
     """The store in the folder `root`, its metadata in `url` (SQLAlchemy) or else in `root/store.sqlite`.
 
     Nothing is created before something is published. A context manager: leaving it closes the database. Any number
-    of processes may publish and read at once; every read hashes what it reads again.
+    of processes may publish and read at once; what is read is hashed, and again whenever its file has changed.
     """
 
     def __init__(self, root: Path, url: str | None = None) -> None:
         self.root = Path(root)
         self._database = self.root / "store.sqlite"
         self._by_url = bool(url)
+        self._objects = Objects(self.root / "objects")
         self._prepared = False
         try:
             self._engine = _engine(url or f"sqlite:///{self._database}")
@@ -199,14 +223,17 @@ class ArtifactStore:
             row = connection.execute(_version(task, version)).one()
             aliases = tuple(sorted(name for name, v in self._aliases(connection, task).items() if v == version))
             stands = standing_of(connection, task, version)
-        manifest_json = self._load(row.manifest_sha256, f"the manifest of {task}@{version}")
-        xml = self._load(row.xml_sha256, f"the XML of {task}@{version}")
-        text = self._load(row.digest, f"the tree of {task}@{version}")
-        try:
-            tree, manifest = Tree.from_json(text), json.loads(manifest_json)
-        except (LearnerError, ValueError) as error:
-            raise DamagedError(f"the store's database confuses the files of {task}@{version}: {error}") from error
-        return Artifact(task, version, row.digest, tree, xml, manifest, manifest_json, aliases, stands)
+        name = f"{task}@{version}"
+        return Artifact(
+            task=task,
+            version=version,
+            digest=row.digest,
+            xml=self._objects.load(row.xml_sha256, f"the XML of {name}"),
+            tree_json=self._objects.load(row.digest, f"the tree of {name}"),
+            manifest_json=self._objects.load(row.manifest_sha256, f"the manifest of {name}"),
+            aliases=aliases,
+            standing=stands,
+        )
 
     def tasks(self) -> list[dict[str, Any]]:
         """Each task with its newest version, that one's digest, and its aliases: what `GET /v1/tasks` answers."""
@@ -254,6 +281,7 @@ class ArtifactStore:
 
         Raises NotStoredError, and DamagedError that names what does not fit.
         """
+        self._objects.forget()
         artifact = self.get(task, ref)
         name, manifest = f"{task}@{artifact.version}", artifact.manifest
         try:
@@ -278,8 +306,10 @@ class ArtifactStore:
                     return Published(row.version, row.digest, False)
             version = 1 + max((row.version for row in rows), default=0)
             manifest = canonical(_manifest(_derived(task, version, tree, xml), facts))
-            hashes = {name: self._save(text) for name, text in (("xml_sha256", xml), ("manifest_sha256", manifest))}
-            self._save(tree.to_json())
+            hashes = {
+                name: self._objects.save(text) for name, text in (("xml_sha256", xml), ("manifest_sha256", manifest))
+            }
+            self._objects.save(tree.to_json())
             connection.execute(VERSIONS.insert().values(task=task, version=version, digest=tree.digest, **hashes))
             _record(connection, task, "published", version, None, tree.digest)
         return Published(version, tree.digest, True)
@@ -355,11 +385,11 @@ class ArtifactStore:
                 f"{name} is doubtful and gets no other alias until `treewright approve {name} --by NAME`: "
                 f"{stands.doubtful[0]}"
             )
-        if stands.chosen_ns is None and self._counterexample(row, name):
+        if stands.chosen_ns is None and self._counterexample(row):
             raise AliasRefusedError(f"{name} has a counterexample in its certificate; learn it again")
 
-    def _counterexample(self, row: sa.Row[Any], name: str) -> bool:
-        certificate = json.loads(self._load(row.manifest_sha256, f"the manifest of {name}")).get("certificate")
+    def _counterexample(self, row: sa.Row[Any]) -> bool:
+        certificate = self._manifest(row).get("certificate")
         return isinstance(certificate, dict) and bool(certificate.get("counterexample"))
 
     def _resolve(self, connection: sa.Connection, task: str, ref: str | int | None) -> int:
@@ -390,44 +420,22 @@ class ArtifactStore:
         return {row.name: int(row.version) for row in connection.execute(query)}
 
     def _summary(self, row: sa.Row[Any], aliases: Mapping[str, int]) -> dict[str, Any]:
-        manifest = json.loads(self._load(row.manifest_sha256, f"the manifest of {row.task}@{row.version}"))
+        """What a list says of a version; of one whose manifest is damaged, what the database knows, and the damage."""
+        damage: dict[str, Any] = {}
+        try:
+            manifest = self._manifest(row)
+        except DamagedError as error:
+            manifest, damage = {"version": row.version, "digest": row.digest}, {"damaged": str(error)}
         shown = {key: manifest.get(key) for key in ("version", "digest", "created", "nodes", "nodes_recovery")}
-        return shown | {"aliases": sorted(name for name, version in aliases.items() if version == row.version)}
+        return shown | {"aliases": sorted(name for name, version in aliases.items() if version == row.version)} | damage
 
-    def _path(self, sha256: str) -> Path:
-        if not DIGEST.fullmatch(sha256):
-            raise DamagedError(f"the store's database names the digest {sha256[:80]!r}, which is none")
-        return self.root / "objects" / sha256[:2] / sha256
-
-    def _save(self, text: str) -> str:
-        """Write beside, verify, rename; what is there already is verified and kept."""
-        content = text.encode()
-        sha256 = hashlib.sha256(content).hexdigest()
-        path = self._path(sha256)
-        if path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
-            return sha256
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside = path.with_name(f"{sha256}.{secrets.token_hex(4)}.part")
+    def _manifest(self, row: sa.Row[Any]) -> dict[str, Any]:
+        name = f"{row.task}@{row.version}"
+        text = self._objects.load(row.manifest_sha256, f"the manifest of {name}")
         try:
-            with beside.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            beside.chmod(0o444)
-            beside.replace(path)
-        finally:
-            beside.unlink(missing_ok=True)
-        _sync_folder(path.parent)
-        return sha256
-
-    def _load(self, sha256: str, what: str) -> str:
-        try:
-            content = self._path(sha256).read_bytes()
-        except FileNotFoundError as error:
-            raise DamagedError(f"{what} is gone: {self._path(sha256)} does not exist") from error
-        if hashlib.sha256(content).hexdigest() != sha256:
-            raise DamagedError(f"{what} is damaged: {self._path(sha256)} does not have its digest")
-        return content.decode()
+            return dict(json.loads(text))
+        except (TypeError, ValueError) as error:
+            raise DamagedError(f"the store's database names a file that is no manifest of {name}: {error}") from error
 
     @contextmanager
     def _reading(self) -> Iterator[sa.Connection]:
@@ -498,6 +506,12 @@ def canonical(document: Mapping[str, Any]) -> str:
         raise ManifestRefusedError(f"the facts about a tree are not JSON: {error}") from error
 
 
+@lru_cache(maxsize=64)
+def _served(manifest_json: str, standing_json: str) -> str:
+    """Remembered, for a manifest is read far more often than it is judged."""
+    return canonical({**json.loads(manifest_json), **json.loads(standing_json)})
+
+
 def sha256_of(text: str) -> str:
     """The SHA-256 of a text, in hexadecimal."""
     return hashlib.sha256(text.encode()).hexdigest()
@@ -556,14 +570,6 @@ def _engine(url: str) -> sa.Engine:
         connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
 
     return engine
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _first_line(error: BaseException) -> str:

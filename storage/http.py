@@ -22,7 +22,7 @@ Handler = Callable[[Request, Exception], JSONResponse]
 
 FORMATS: Final[dict[str, tuple[str, Callable[[Artifact], str]]]] = {
     "tree.xml": ("application/xml", lambda artifact: artifact.xml),
-    "tree.json": ("application/json", lambda artifact: artifact.tree.to_json()),
+    "tree.json": ("application/json", lambda artifact: artifact.tree_json),
     "tree.svg": ("image/svg+xml", lambda artifact: to_svg(artifact.tree)),
 }
 STATUS: Final[dict[type[Exception], int]] = {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import threading
-from collections.abc import Iterator
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -13,9 +12,9 @@ import zenoh
 
 from learner.errors import LearnerError
 from learner.model import check_alias
-from storage.artifacts import Artifact, ArtifactStore, Change
+from storage.artifacts import ArtifactStore, Change
 from storage.client import PREFIX
-from storage.errors import DoubtfulError, NotStoredError, StorageError
+from storage.errors import DamagedError, DoubtfulError, NotStoredError, StorageError
 
 POLL_S: Final = 0.25
 """How often the database is asked for changes, which any process may have made [s]."""
@@ -60,33 +59,39 @@ class StoreOnZenoh:
 
     def _answer(self, query: zenoh.Query) -> None:
         try:
-            for artifact in self._found(query):
-                query.reply(
-                    f"{PREFIX}/{artifact.task}",
-                    artifact.xml,
-                    encoding=zenoh.Encoding.APPLICATION_XML,
-                    attachment=artifact.served_json,
-                )
+            ref, key = _reference(query.parameters), str(query.key_expr)
+            if "*" in key or "$" in key:
+                self._reply_all(query, ref)
+            else:
+                self._reply(query, key.removeprefix(f"{PREFIX}/"), ref)
         except (StorageError, LearnerError) as error:
             _refuse(query, str(error))
         except Exception as error:  # an empty reply would tell the asker nothing
             LOG.exception("cannot answer %s", query.selector)
             _refuse(query, f"a defect in the artifact store: {type(error).__name__}: {error}")
 
-    def _found(self, query: zenoh.Query) -> Iterator[Artifact]:
-        ref = _reference(query.parameters)
-        key = str(query.key_expr)
-        if "*" not in key and "$" not in key:
-            yield self._store.get(key.removeprefix(f"{PREFIX}/"), ref)
-            return
+    def _asked(self, key: zenoh.KeyExpr) -> list[str]:
         tasks = [row["task"] for row in self._store.tasks()]
-        for task in tasks:
-            if query.key_expr.intersects(zenoh.KeyExpr(f"{PREFIX}/{task}")):
-                try:
-                    yield self._store.get(task, ref)
-                except (NotStoredError, DoubtfulError):
-                    # Of many tasks those answer that have the version or alias.
-                    continue
+        return [task for task in tasks if key.intersects(zenoh.KeyExpr(f"{PREFIX}/{task}"))]
+
+    def _reply_all(self, query: zenoh.Query, ref: str | int | None) -> None:
+        """Of many tasks those answer that have the version or alias; what is damaged of one keeps no other back."""
+        for task in self._asked(query.key_expr):
+            try:
+                self._reply(query, task, ref)
+            except (NotStoredError, DoubtfulError):
+                continue
+            except DamagedError as error:
+                _refuse(query, str(error))
+
+    def _reply(self, query: zenoh.Query, task: str, ref: str | int | None) -> None:
+        artifact = self._store.get(task, ref)
+        query.reply(
+            f"{PREFIX}/{artifact.task}",
+            artifact.xml,
+            encoding=zenoh.Encoding.APPLICATION_XML,
+            attachment=artifact.served_json,
+        )
 
     def _watch(self) -> None:
         while not self._stopped.wait(self._poll_s):

@@ -9,7 +9,8 @@
 `@V` is a version or an alias; without it `production` if set, else `latest`. With --json:
 
     list     [{"task", "version", "digest", "aliases": {name: version}, "versions": [{"version", "digest", "created",
-             "nodes", "nodes_recovery", "aliases": [name], "doubtful", "approved"}]}], version and digest the newest
+             "nodes", "nodes_recovery", "aliases": [name], "doubtful", "approved"}]}], version and digest the newest;
+             a version whose manifest is damaged says so in "damaged", and what only that tells is null
     show     the manifest with "aliases": [name], "doubtful": [sentence] and "approved": [{"by", "stamp_ns"}] added
     export   {"task", "version", "digest", "format", "file"}
     alias    {"task", "alias", "version", "changed"}
@@ -24,9 +25,9 @@ import argparse
 import os
 import secrets
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pipelines.commands.options import INDEX
 from pipelines.console import Console
@@ -90,12 +91,16 @@ def _list(store: ArtifactStore, _: argparse.Namespace, console: Console) -> None
     console.emit(tasks)
     for row in tasks:
         for each in row["versions"]:
-            size = f"{each['nodes']} nodes, {each['nodes_recovery']} that recover"
-            aliases = ", ".join(each["aliases"])
-            name = f"{row['task']}@{each['version']}"
-            console.say(f"{name}  {each['created']}  {each['digest'][:12]}  {size}  {aliases}".rstrip())
+            console.say(_line(f"{row['task']}@{each['version']}", each))
     if not tasks:
         console.say(f"nothing is stored in {store.root}; `treewright learn TASK` publishes a tree")
+
+
+def _line(name: str, version: Mapping[str, Any]) -> str:
+    """A version in the list; of a damaged one what is known, and the damage."""
+    size = f"{version['nodes']} nodes, {version['nodes_recovery']} that recover"
+    said = version.get("damaged") or f"{version['created']}  {version['digest'][:12]}  {size}"
+    return f"{name}  {said}  {', '.join(version['aliases'])}".rstrip()
 
 
 def _show(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
@@ -157,7 +162,7 @@ def _chosen(store: ArtifactStore, arguments: argparse.Namespace) -> Artifact:
 
 def _rendered(artifact: Artifact, format_: str) -> str:
     if format_ == "json":
-        return artifact.tree.to_json() + "\n"
+        return artifact.tree_json + "\n"
     if format_ == "svg":
         from storage.picture import to_svg
 

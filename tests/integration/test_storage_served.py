@@ -225,6 +225,23 @@ def test_changes_are_announced_whichever_process_made_them(
     assert (second[1]["event"], second[1]["version"], second[1]["alias"]) == ("published", 4, None)
 
 
+def test_a_damaged_tree_keeps_no_other_task_from_answering(
+    store: ArtifactStore, sessions: tuple[zenoh.Session, zenoh.Session]
+) -> None:
+    server, asker = sessions
+    store.publish("a-first", tree(0.7), {})
+    store.publish("towers", tree(0.8), {})
+    (store.root / "objects" / tree(0.7).digest[:2] / tree(0.7).digest).unlink()
+    with StoreOnZenoh(server, store):
+        found = replies(asker, "*")
+    assert sorted(str(reply.ok.key_expr) for reply in found if reply.ok) == [
+        "treewright/artifacts/kitting",
+        "treewright/artifacts/towers",
+    ]
+    (refused,) = [reply.err.payload.to_string() for reply in found if reply.err]
+    assert "the tree of a-first@1 is gone" in refused
+
+
 @pytest.fixture
 def http(store: ArtifactStore) -> Iterator[httpx.Client]:
     with StoreOnHttp(store, "127.0.0.1", 0) as served, httpx.Client(base_url=served.url, timeout=30) as client:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sqlite3
 import subprocess
 import sys
@@ -326,6 +327,39 @@ def test_a_changed_or_lost_byte_is_found_at_reading(store: ArtifactStore, index:
         store.get("kitting")
     victim.unlink()
     with pytest.raises(DamagedError, match="is gone"):
+        store.get("kitting")
+
+
+def test_a_damaged_manifest_blocks_no_list(store: ArtifactStore) -> None:
+    for x in (0.1, 0.2):
+        store.publish("kitting", tree(x), {})
+    store.publish("towers", tree(0.1), {})
+    whole = [row for row in store.versions("kitting") if row["version"] == 2]
+    (store.root / "objects" / manifest_sha256(store, 1)[:2] / manifest_sha256(store, 1)).unlink()
+    assert [row["task"] for row in store.tasks()] == ["kitting", "towers"]
+    second, first = store.versions("kitting")
+    assert [second] == whole
+    assert (first["digest"], first["created"]) == (tree(0.1).digest, None)
+    assert "the manifest of kitting@1 is gone" in first["damaged"]
+
+
+def manifest_sha256(store: ArtifactStore, version: int) -> str:
+    with sqlite3.connect(store.root / "store.sqlite") as database:
+        query = "SELECT manifest_sha256 FROM versions WHERE task = 'kitting' AND version = ?"
+        return str(database.execute(query, (version,)).fetchone()[0])
+
+
+def test_what_was_read_and_has_not_changed_is_not_read_again_and_what_has_changed_is(store: ArtifactStore) -> None:
+    store.publish("kitting", tree(), {})
+    first, second = store.get("kitting"), store.get("kitting")
+    assert second.xml is first.xml
+    assert second.served_json is first.served_json
+    path = store.root / "objects" / tree().digest[:2] / tree().digest
+    before = path.stat()
+    path.chmod(0o644)
+    path.write_bytes(path.read_bytes().replace(b"0", b"1"))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    with pytest.raises(DamagedError, match="does not have its digest"):
         store.get("kitting")
 
 
