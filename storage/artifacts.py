@@ -219,19 +219,17 @@ class ArtifactStore:
         if a stored byte has changed.
         """
         with self._reading() as connection:
-            version = self._resolve(connection, task, ref)
-            row = connection.execute(_version(task, version)).one()
-            aliases = tuple(sorted(name for name, v in self._aliases(connection, task).items() if v == version))
-            stands = standing_of(connection, task, version)
-        name = f"{task}@{version}"
+            row, aliases = self._find(connection, task, ref)
+            stands = standing_of(connection, task, row.version)
+        name = f"{task}@{row.version}"
         return Artifact(
             task=task,
-            version=version,
+            version=row.version,
             digest=row.digest,
             xml=self._objects.load(row.xml_sha256, f"the XML of {name}"),
             tree_json=self._objects.load(row.digest, f"the tree of {name}"),
             manifest_json=self._objects.load(row.manifest_sha256, f"the manifest of {name}"),
-            aliases=aliases,
+            aliases=tuple(sorted(alias for alias, version in aliases.items() if version == row.version)),
             standing=stands,
         )
 
@@ -253,16 +251,16 @@ class ArtifactStore:
     def versions(self, task: str) -> list[dict[str, Any]]:
         """The versions of a task, newest first, each with digest, created, sizes and aliases. Raises NotStoredError."""
         with self._reading() as connection:
-            self._check_task(connection, task)
-            aliases = self._aliases(connection, task)
-            query = sa.select(VERSIONS).where(VERSIONS.c.task == task).order_by(VERSIONS.c.version.desc())
-            rows = connection.execute(query).all()
-            return [self._summary(row, aliases) | standing_of(connection, task, row.version).to_data() for row in rows]
+            rows, aliases = self._rows(connection, task), self._aliases(connection, task)
+            return [
+                self._summary(rows[version], aliases) | standing_of(connection, task, version).to_data()
+                for version in reversed(rows)
+            ]
 
     def aliases(self, task: str) -> dict[str, int]:
         """The version that each alias of a task points to. Raises NotStoredError."""
         with self._reading() as connection:
-            self._check_task(connection, task)
+            self._rows(connection, task)
             return self._aliases(connection, task)
 
     def changes(self, after: int = 0) -> list[Change]:
@@ -316,8 +314,8 @@ class ArtifactStore:
 
     def _try_to_alias(self, task: str, name: str, version: int) -> bool:
         with self._writing() as connection:
-            row = connection.execute(_version(task, self._resolve(connection, task, version))).one()
-            if self._aliases(connection, task).get(name) == version:
+            row, aliases = self._find(connection, task, version)
+            if aliases.get(name) == version:
                 return False
             if name != DOUBTFUL:
                 self._check_fit(connection, row)
@@ -393,27 +391,31 @@ class ArtifactStore:
         return isinstance(certificate, dict) and bool(certificate.get("counterexample"))
 
     def _resolve(self, connection: sa.Connection, task: str, ref: str | int | None) -> int:
-        versions = self._check_task(connection, task)
-        aliases = self._aliases(connection, task)
+        return int(self._find(connection, task, ref)[0].version)
+
+    def _find(self, connection: sa.Connection, task: str, ref: str | int | None) -> tuple[sa.Row[Any], dict[str, int]]:
+        """The row of a version, and all aliases of its task."""
+        rows, aliases = self._rows(connection, task), self._aliases(connection, task)
         if ref is None and not {PRODUCTION, LATEST} & set(aliases) and DOUBTFUL in aliases:
             raise DoubtfulError(task, aliases[DOUBTFUL])
         if ref is None:
-            return aliases.get(PRODUCTION, aliases.get(LATEST, max(versions)))
+            return rows[aliases.get(PRODUCTION, aliases.get(LATEST, max(rows)))], aliases
         if isinstance(ref, str) and ref in aliases:
-            return aliases[ref]
+            return rows[aliases[ref]], aliases
         number = int(ref) if re.fullmatch("[0-9]{1,9}", str(ref), re.ASCII) else 0
-        if number not in versions:
-            raise NotStoredError(f"version of {task}", ref, [*versions, *sorted(aliases)])
-        return number
+        if number not in rows:
+            raise NotStoredError(f"version of {task}", ref, [*rows, *sorted(aliases)])
+        return rows[number], aliases
 
-    def _check_task(self, connection: sa.Connection, task: str) -> list[int]:
+    def _rows(self, connection: sa.Connection, task: str) -> dict[int, sa.Row[Any]]:
+        """The versions of a task, oldest first. Raises NotStoredError, NameRefusedError."""
         check_name("task", task)
-        query = sa.select(VERSIONS.c.version).where(VERSIONS.c.task == task).order_by(VERSIONS.c.version)
-        versions = [int(version) for version in connection.execute(query).scalars()]
-        if not versions:
+        query = sa.select(VERSIONS).where(VERSIONS.c.task == task).order_by(VERSIONS.c.version)
+        rows = {int(row.version): row for row in connection.execute(query)}
+        if not rows:
             known = sa.select(VERSIONS.c.task).distinct().order_by(VERSIONS.c.task)
             raise NotStoredError("tree", task, connection.execute(known).scalars())
-        return versions
+        return rows
 
     def _aliases(self, connection: sa.Connection, task: str) -> dict[str, int]:
         query = sa.select(ALIASES.c.name, ALIASES.c.version).where(ALIASES.c.task == task).order_by(ALIASES.c.name)
@@ -512,6 +514,7 @@ def _served(manifest_json: str, standing_json: str) -> str:
     return canonical({**json.loads(manifest_json), **json.loads(standing_json)})
 
 
+@lru_cache(maxsize=64)
 def sha256_of(text: str) -> str:
     """The SHA-256 of a text, in hexadecimal."""
     return hashlib.sha256(text.encode()).hexdigest()

@@ -81,6 +81,8 @@ class StoreOnHttp:
             self._socket = socket.create_server((host, port), family=family)
         except (OSError, OverflowError) as error:
             raise StorageUnavailableError(f"cannot serve HTTP on {host}:{port}: {error}") from error
+        # Connections inherit it. Else a small answer's body waits 40 ms for the reader to acknowledge its head.
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.port = int(self._socket.getsockname()[1])
         self.url = f"http://[{host}]:{self.port}" if ":" in host else f"http://{host}:{self.port}"
         config = uvicorn.Config(make_app(store), log_level="warning", lifespan="off", timeout_graceful_shutdown=2)
