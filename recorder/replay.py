@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,18 +20,31 @@ from mcap.records import Channel
 
 from learner.model import check_name
 from recorder.errors import RecorderError
+from recorder.paths import shown
 from recorder.recording import messages
-from recorder.wire import ACTION, ACTION_ENCODING, ATTACHMENT, GRIPPER, GRIPPER_ENCODING, NS, POSES, POSES_ENCODING
+from recorder.wire import (
+    ACTION,
+    ACTION_ENCODING,
+    ATTACHMENT,
+    GRIPPER,
+    GRIPPER_ENCODING,
+    NS,
+    POSES,
+    POSES_ENCODING,
+    SIGNALS,
+)
 
 CACHE_SAMPLES: Final = 20_000
-CACHE_BYTES: Final = 4 << 20
-"""A publisher's cache holds no more samples than about fill this."""
+CACHE_BYTES: Final = 16 << 20
+"""The caches of all publishers together hold no more samples than fill this."""
 HEARTBEAT_S: Final = 0.5
 BACK_NS: Final = NS // 2
 """Messages may have been recorded out of order by so much [ns]; ..."""
 STEPPED: Final = 3
 """... so many in a row that are further back are a step of the clock."""
 _ENCODINGS: Final = {POSES: POSES_ENCODING, GRIPPER: GRIPPER_ENCODING, ACTION: ACTION_ENCODING}
+Key = tuple[str, str]
+"""A topic and its Zenoh encoding: what is one publisher's."""
 Say = Callable[[str], None]
 """Gets a sentence about what is odd, when it comes."""
 
@@ -40,7 +54,8 @@ class Replay:
     """How a recording is replayed: `rate` times as fast, from `start_s` [s] after its first message on, `loops` times.
 
     Every payload is published byte for byte, so that what is recorded again is the same demonstration at any rate.
-    With `restamp` the stamps inside poses, gripper and actions are moved to the time and rate of the replay instead.
+    With `restamp` the stamps inside poses, gripper, actions and signals are moved to the time and rate of the replay
+    instead.
     A gap longer than `max_gap_s` [s] of the recording is shortened to that.
     """
 
@@ -52,7 +67,9 @@ class Replay:
 
 
 @dataclass(frozen=True)
-class _Timed:
+class Timed:
+    """A message of a recording and when it is due."""
+
     channel: Channel
     log_ns: int
     since_begin_ns: int
@@ -60,34 +77,64 @@ class _Timed:
     payload: bytes
     attachment: bytes | None
 
+    @property
+    def key(self) -> Key:
+        """Whose publisher's it is."""
+        topic = self.channel.topic
+        return topic, self.channel.metadata.get("zenoh_encoding") or _ENCODINGS.get(topic, "zenoh/bytes")
+
+    @property
+    def size_bytes(self) -> int:
+        """What a cache holds of it."""
+        return len(self.payload) + len(self.attachment or b"")
+
 
 def replay(
     session: zenoh.Session, cell: str, files: Sequence[Path], how: Replay, stopped: threading.Event, say: Say
 ) -> Iterator[dict[str, int]]:
     """Publish a recording below the cell's keys, and yield after each loop how many messages of each topic went out.
 
-    `files` are the parts of one demonstration in their order. Messages keep the order of the file, log times give the
-    timing. It is read as it is played, so that memory does not grow with it. A topic that is no key is left out and
-    told. Ends early when `stopped` is set. Raises RecordingError as the reader does, NameRefusedError for a bad cell,
-    RecorderError if there is nothing to replay.
+    `files` are the parts of one demonstration in their order. They are read through before anything is published: gaps
+    and steps back are told at once, nothing is played of what is damaged. Then they are read as they are played, so
+    that memory does not grow with them. Messages keep the order of the file, log times give the timing. A topic that
+    is no key is left out and told. Ends early when `stopped` is set. Raises RecordingError as the reader does,
+    NameRefusedError for a bad cell, RecorderError if there is nothing to replay.
     """
     check_name("cell", cell)
+    samples = cached_samples(_timed(files, how, say), stopped)
     loop = 0
-    with _Publishers(session, cell, say) as publishers:
+    with _Publishers(session, cell, samples, say) as publishers:
         while not stopped.is_set() and (how.loops is None or loop < how.loops):
             loop += 1
-            timed = _timed(files, how, say if loop == 1 else _nobody)
-            sent = _once(timed, publishers, how, stopped)
+            sent = _once(_timed(files, how, _nobody), publishers, how, stopped)
             if publishers.nothing and not stopped.is_set():
-                raise RecorderError(f"{files[0]} has no messages to replay after {how.start_s:g} s")
+                raise RecorderError(f"{shown(files[0])} has no messages to replay after {how.start_s:g} s")
             yield sent
 
 
 def _nobody(_: str) -> None:
-    """What was told in the first loop is not told again."""
+    """What was told before is not told again."""
 
 
-def _timed(files: Sequence[Path], how: Replay, say: Say) -> Iterator[_Timed]:
+def cached_samples(timed: Iterator[Timed], stopped: threading.Event) -> dict[Key, int]:
+    """How many samples the cache of each publisher may hold; those that need little have it all, the rest share."""
+    counts: Counter[Key] = Counter()
+    largest: dict[Key, int] = defaultdict(lambda: 1)
+    for message in timed:
+        counts[message.key] += 1
+        largest[message.key] = max(largest[message.key], message.size_bytes)
+        if stopped.is_set():
+            break
+    needs = sorted((min(counts[key], CACHE_SAMPLES) * largest[key], key) for key in counts)
+    samples, left = dict[Key, int](), CACHE_BYTES
+    for number, (need, key) in enumerate(needs):
+        share = min(need, left // (len(needs) - number))
+        samples[key] = share // largest[key]
+        left -= samples[key] * largest[key]
+    return samples
+
+
+def _timed(files: Sequence[Path], how: Replay, say: Say) -> Iterator[Timed]:
     """The messages in the order of the file, each with when it is due."""
     course, begin_ns = _Course(int(how.max_gap_s * NS), say), -1
     attached: tuple[int, bytes] | None = None
@@ -101,7 +148,7 @@ def _timed(files: Sequence[Path], how: Replay, say: Say) -> Iterator[_Timed]:
             continue
         attachment = attached[1] if attached and attached[0] == log_ns else None
         attached = None
-        yield _Timed(channel, log_ns, course.due_ns(log_ns), message.data, attachment)
+        yield Timed(channel, log_ns, course.due_ns(log_ns), message.data, attachment)
 
 
 class _Course:
@@ -134,9 +181,10 @@ class _Course:
 class _Publishers:
     """A publisher for each key, declared when its first message comes; a context manager."""
 
-    def __init__(self, session: zenoh.Session, cell: str, say: Say) -> None:
-        self._session, self._cell, self._say = session, cell, say
-        self._publishers: dict[tuple[str, str], ze.AdvancedPublisher | None] = {}
+    def __init__(self, session: zenoh.Session, cell: str, samples: Mapping[Key, int], say: Say) -> None:
+        """`samples`: how many of each the publisher keeps for those who missed them."""
+        self._session, self._cell, self._samples, self._say = session, cell, samples, say
+        self._publishers: dict[Key, ze.AdvancedPublisher | None] = {}
         self._opened = ExitStack()
         self.nothing = True
         """Whether no message went out yet."""
@@ -147,19 +195,18 @@ class _Publishers:
     def __exit__(self, *_: object) -> None:
         self._opened.close()
 
-    def put(self, message: _Timed, payload: bytes) -> bool:
+    def put(self, message: Timed, payload: bytes) -> bool:
         """Publish; False where the topic is no key."""
-        channel = message.channel
-        key = channel.topic, channel.metadata.get("zenoh_encoding") or _ENCODINGS.get(channel.topic, "zenoh/bytes")
+        key = message.key
         if key not in self._publishers:
-            self._publishers[key] = self._declared(*key, len(payload))
+            self._publishers[key] = self._declared(*key, self._samples.get(key, 0))
         if (publisher := self._publishers[key]) is None:
             return False
         publisher.put(payload, attachment=message.attachment)
         self.nothing = False
         return True
 
-    def _declared(self, topic: str, encoding: str, size: int) -> ze.AdvancedPublisher | None:
+    def _declared(self, topic: str, encoding: str, samples: int) -> ze.AdvancedPublisher | None:
         if set(topic) & set("*$?#"):
             self._say(f"the topic {topic!r} is a pattern and no key; its messages are left out")
             return None
@@ -169,7 +216,7 @@ class _Publishers:
                 f"treewright/{self._cell}/{topic.strip('/')}",
                 encoding=encoding,
                 congestion_control=zenoh.CongestionControl.BLOCK,
-                cache=ze.CacheConfig(max(1, min(CACHE_SAMPLES, CACHE_BYTES // max(size, 1)))),
+                cache=ze.CacheConfig(samples) if samples else None,
                 sample_miss_detection=ze.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
                 publisher_detection=True,
             )
@@ -179,7 +226,7 @@ class _Publishers:
         return self._opened.enter_context(publisher)
 
 
-def _once(timed: Iterator[_Timed], publishers: _Publishers, how: Replay, stopped: threading.Event) -> dict[str, int]:
+def _once(timed: Iterator[Timed], publishers: _Publishers, how: Replay, stopped: threading.Event) -> dict[str, int]:
     sent: dict[str, int] = {}
     begun_s, begun_ns = time.monotonic(), time.time_ns()
     for message in timed:
@@ -193,7 +240,7 @@ def _once(timed: Iterator[_Timed], publishers: _Publishers, how: Replay, stopped
     return dict(sorted(sent.items()))
 
 
-def _restamped(message: _Timed, shift_ns: int, rate: float) -> bytes:
+def _restamped(message: Timed, shift_ns: int, rate: float) -> bytes:
     """The payload with its stamps moved as its log time is; one that is not of the contract stays as it is."""
 
     def moved(stamp_ns: int) -> int:
@@ -202,7 +249,7 @@ def _restamped(message: _Timed, shift_ns: int, rate: float) -> bytes:
     try:
         if message.channel.topic == POSES:
             return _moved_poses(message.payload, moved)
-        if message.channel.topic in (GRIPPER, ACTION):
+        if message.channel.topic in (GRIPPER, ACTION) or message.channel.topic.startswith(SIGNALS):
             content = json.loads(message.payload)
             return json.dumps({**content, "stamp_ns": moved(content["stamp_ns"])}).encode()
     except (DecodeError, ValueError, TypeError, KeyError, OverflowError, RecursionError):

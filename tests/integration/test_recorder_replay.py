@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import threading
 import time
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.records import Channel
 from support_recorder import CELL, PREFIX, START, network, recording_cell, wait_for
 
 from learner.learning import learn
@@ -17,7 +20,7 @@ from learner.observation import observe
 from pipelines.cli import main
 from recorder.errors import RecorderError
 from recorder.recording import Demonstrated, RecordingWriter, messages, read_header, read_recording
-from recorder.replay import Replay, replay
+from recorder.replay import CACHE_BYTES, Replay, Timed, cached_samples, replay
 from recorder.wire import ACTION, POSES, pose_message
 
 SAMPLES = Path("../shared/data/contract_samples")
@@ -128,6 +131,48 @@ def test_payloads_that_are_not_of_the_contract_are_not_restamped(tmp_path: Path)
     file = written(tmp_path / "d.mcap", [(POSES, 0.0), (ACTION, 0.1), ("/gripper", 0.2)])
     with network() as (_, theirs):
         assert play(theirs, file, Replay(rate=10.0, restamp=True)) == [{ACTION: 1, "/gripper": 1, POSES: 1}]
+
+
+def test_stamps_of_signals_are_moved_too(tmp_path: Path) -> None:
+    shown = Demonstrated("d-3", "t", "u", "elsewhere", "base", "tool0", ("A",))
+    with RecordingWriter(tmp_path / "d.mcap", shown) as writer:
+        writer.write("/signals/door", json.dumps({"stamp_ns": 1000 * NS, "value": True}).encode(), 1000 * NS)
+        writer.finish()
+    heard, before_ns = list[int](), time.time_ns()
+    with (
+        network() as (ours, theirs),
+        ours.declare_subscriber(f"{PREFIX}/**", lambda s: heard.append(json.loads(s.payload.to_bytes())["stamp_ns"])),
+    ):
+        time.sleep(0.2)
+        play(theirs, tmp_path / "d.mcap", Replay(restamp=True))
+        wait_for(lambda: heard)
+    assert before_ns <= heard[0] < before_ns + 20 * NS
+
+
+def test_of_a_damaged_file_nothing_is_played(tmp_path: Path, file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[-200] ^= 0x55
+    file.write_bytes(content)
+    heard: list[str] = []
+    with network() as (ours, theirs), ours.declare_subscriber(f"{PREFIX}/**", lambda s: heard.append(str(s.key_expr))):
+        time.sleep(0.2)
+        with pytest.raises(RecorderError, match="damaged"):
+            play(theirs, file, Replay(rate=50.0))
+    assert heard == []
+
+
+def test_all_caches_together_are_bounded_and_those_that_need_little_have_it_all() -> None:
+    def timed(topic: str, size: int, count: int) -> Iterator[Timed]:
+        for number in range(count):
+            yield Timed(Channel(1, topic, "", {}, 0), number, number, b"x" * size, None)
+
+    cameras = {f"/camera{number}": (0 if number % 2 else 1_000_000) for number in range(40)}
+    told = chain(timed(POSES, 300, 1000), *(timed(topic, size, 1) for topic, size in cameras.items()),
+                 *(timed(topic, 1_000_000, 20) for topic in cameras))  # fmt: skip
+    samples = {topic: count for (topic, _), count in cached_samples(told, threading.Event()).items()}
+    assert samples[POSES] == 1000
+    assert sum(samples[topic] for topic in cameras) * 1_000_000 + 500_000 <= CACHE_BYTES
+    assert sum(samples[topic] for topic in cameras) > 10
 
 
 def test_the_parts_of_a_split_demonstration_are_played_as_one(
