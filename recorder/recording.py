@@ -15,7 +15,7 @@ import json
 import os
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
@@ -527,7 +527,7 @@ def read_header(file: Path) -> Demonstrated:
     last: Metadata | None = None
     for record in records.walk(file):
         if record.opcode == Opcode.METADATA:
-            parsed = cast(Metadata, records.parse(file, record))
+            parsed = cast(Metadata, records.parse(record))
             last = parsed if parsed.name == DEMONSTRATION else last
     if last is None:
         raise NotARecordingError(file, f"it has no metadata record {DEMONSTRATION}")
@@ -719,7 +719,7 @@ def messages(file: Path, topics: frozenset[str] | None = None) -> Iterator[tuple
     for record in records.walk(file):
         if record.opcode == Opcode.DATA_END:
             continue
-        for found in _contents(file, record):
+        for found in _contents(record):
             if isinstance(found, Channel):
                 channels[found.id] = found
             elif isinstance(found, Message):
@@ -732,9 +732,12 @@ def messages(file: Path, topics: frozenset[str] | None = None) -> Iterator[tuple
                     yield channel, found
 
 
-def _contents(file: Path, record: records.Record) -> Sequence[Any]:
+def _contents(record: records.Record) -> Iterable[Any]:
     if record.opcode == Opcode.CHUNK:
-        return records.unpack(file, record)
+        return records.unpack(record)
     if record.opcode == Opcode.MESSAGE:
-        return [records.message(file, record)]
-    return [found] if (found := records.parse(file, record)) is not None else []
+        return [records.message(record)]
+    if record.opcode == Opcode.ATTACHMENT:
+        records.check_attachment(record)
+        return []
+    return [found] if (found := records.parse(record)) is not None else []

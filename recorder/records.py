@@ -2,19 +2,22 @@
 
 Every checksum that the format offers is verified where it stands: a chunk's before it is unpacked, an attachment's, the
 data section's at its end, the summary's at the footer. Lengths are compared with what is left before they are believed.
+What is large is not held, but read again where it is needed, so that memory does not grow with it.
 """
 
 from __future__ import annotations
 
+import io
 import mmap
 import stat
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import IO, TYPE_CHECKING, BinaryIO, Final, cast
 
 import lz4.frame
 import zstandard
@@ -25,9 +28,13 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Header, Mc
 
 from recorder.errors import NotARecordingError, TornRecordingError
 
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+
 MAGIC: Final = b"\x89MCAP0\r\n"
-MOST_UNPACKED: Final = 1 << 32
-"""A chunk that says to hold more bytes than this is not unpacked."""
+LARGE: Final = 16 << 20
+"""Records of more bytes than this, and chunks that hold more, are not held in memory."""
+BLOCK: Final = 1 << 20
 _HEAD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")
 _READERS: Final = {
@@ -61,17 +68,50 @@ _DAMAGE: Final = (
 
 
 class _Bounded(ReadDataStream):
-    """Reads fields of a record's content and never more than it has: a length may be anything in a damaged one."""
+    """Reads fields of `size` bytes and never more than they are: a length may be anything in a damaged record."""
 
-    def __init__(self, content: bytes) -> None:
-        super().__init__(BytesIO(content))
-        self._size = len(content)
+    def __init__(self, stream: IO[bytes], size: int, summed: bool = False) -> None:
+        super().__init__(stream, calculate_crc=summed)
+        self._size = size
+
+    @property
+    def left(self) -> int:
+        """How many bytes are not read yet."""
+        return self._size - self.count
 
     def read(self, length: int) -> bytes:
-        if length > self._size - self.count:
+        if length > self.left:
             raise EOFError(f"a field of {length} bytes is longer than its record")
         data: bytes = super().read(length)
+        if len(data) < length:
+            raise EOFError(f"{length - len(data)} bytes are missing")
         return data
+
+    def blocks(self, length: int) -> Iterator[bytes]:
+        """So many bytes, in pieces."""
+        if length > self.left:
+            raise EOFError(f"a field of {length} bytes is longer than its record")
+        while length:
+            yield self.read(taken := min(length, BLOCK))
+            length -= taken
+
+
+class _Window(io.RawIOBase):
+    """The next `size` bytes of a stream as a stream of their own, for what reads until the end."""
+
+    def __init__(self, stream: _Bounded, size: int) -> None:
+        super().__init__()
+        self._stream, self._left = stream, size
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: WriteableBuffer) -> int:
+        view = memoryview(buffer).cast("B")
+        data = self._stream.read(min(len(view), self._left))
+        view[: len(data)] = data
+        self._left -= len(data)
+        return len(data)
 
 
 def packed(*written: McapRecord) -> bytes:
@@ -85,16 +125,34 @@ def packed(*written: McapRecord) -> bytes:
 
 @dataclass(frozen=True)
 class Record:
-    """A record at the top level of a file: its place [bytes], its kind and its content."""
+    """A record at the top level of a file: its place and length [bytes], its kind, and its content if that is held."""
 
+    file: Path
     offset: int
     opcode: int
-    content: bytes
+    length: int
+    held: bytes | None
 
     @property
     def end(self) -> int:
         """The offset of the next record."""
-        return self.offset + _HEAD.size + len(self.content)
+        return self.offset + _HEAD.size + self.length
+
+    @property
+    def content(self) -> bytes:
+        """All of it, however large it is."""
+        with self.opened() as stream:
+            return self.held if self.held is not None else stream.read(self.length)
+
+    @contextmanager
+    def opened(self, summed: bool = False) -> Iterator[_Bounded]:
+        """To read its fields one by one."""
+        if self.held is not None:
+            yield _Bounded(BytesIO(self.held), self.length, summed)
+            return
+        with self.file.open("rb") as stream:
+            stream.seek(self.offset + _HEAD.size)
+            yield _Bounded(stream, self.length, summed)
 
 
 def walk(file: Path, offset: int = 0) -> Iterator[Record]:
@@ -116,7 +174,7 @@ def walk(file: Path, offset: int = 0) -> Iterator[Record]:
             if record.opcode == Opcode.FOOTER and stream.read(len(MAGIC)) != MAGIC:
                 raise TornRecordingError(file)
             if sums:
-                sums.take(file, record)
+                sums.take(record)
             yield record
             if record.opcode == Opcode.FOOTER:
                 _check_nothing_follows(file, stream, size)
@@ -136,27 +194,27 @@ class _Sums:
     def __init__(self, begun: int) -> None:
         self._sum = begun
 
-    def take(self, file: Path, record: Record) -> None:
+    def take(self, record: Record) -> None:
         """Raises NotARecordingError where a section's checksum is not that of its bytes."""
-        head = _HEAD.pack(record.opcode, len(record.content))
+        head = _HEAD.pack(record.opcode, record.length)
         if record.opcode == Opcode.DATA_END:
-            end = parse(file, record)
-            assert isinstance(end, DataEnd)
-            self._check(file, record, "data", end.data_section_crc, self._sum)
+            self._check(record, "data", cast(DataEnd, parse(record)).data_section_crc, self._sum)
             self._sum = 0
             return
         if record.opcode == Opcode.FOOTER:
-            footer = parse(file, record)
-            assert isinstance(footer, Footer)
-            behind = zlib.crc32(record.content[:16], zlib.crc32(head, self._sum))
-            self._check(file, record, "summary", footer.summary_crc, behind)
+            told = cast(Footer, parse(record)).summary_crc
+            with record.opened() as stream:
+                self._check(record, "summary", told, zlib.crc32(stream.read(16), zlib.crc32(head, self._sum)))
             return
-        self._sum = zlib.crc32(record.content, zlib.crc32(head, self._sum))
+        self._sum = zlib.crc32(head, self._sum)
+        with record.opened() as stream:
+            for block in stream.blocks(record.length):
+                self._sum = zlib.crc32(block, self._sum)
 
     @staticmethod
-    def _check(file: Path, record: Record, section: str, told: int, found: int) -> None:
+    def _check(record: Record, section: str, told: int, found: int) -> None:
         if told not in (0, found):
-            raise _damaged(file, record, f"the checksum of its {section} section is not that of its bytes")
+            raise _damaged(record, f"the checksum of its {section} section is not that of its bytes")
 
 
 def _check_magic(file: Path, stream: BinaryIO) -> None:
@@ -188,7 +246,10 @@ def _read(file: Path, stream: BinaryIO, size: int) -> Record:
         raise _zeros_or_damage(file, stream, offset, head)
     if offset + _HEAD.size + length > size:
         raise TornRecordingError(file)
-    return Record(offset, opcode, stream.read(length))
+    if length <= LARGE:
+        return Record(file, offset, opcode, length, stream.read(length))
+    stream.seek(length, io.SEEK_CUR)
+    return Record(file, offset, opcode, length, None)
 
 
 def _zeros_or_damage(file: Path, stream: BinaryIO, offset: int, head: bytes) -> Exception:
@@ -200,47 +261,99 @@ def _zeros_or_damage(file: Path, stream: BinaryIO, offset: int, head: bytes) -> 
     return TornRecordingError(file)
 
 
-def parse(file: Path, record: Record) -> McapRecord | None:
+def parse(record: Record) -> McapRecord | None:
     """A record of a kind that holds or describes data; None for any other kind. What a newer writer put behind the
     known fields is skipped. Raises NotARecordingError on damage, and for an attachment whose checksum is wrong.
     """
     reader = _READERS.get(record.opcode)  # type: ignore[call-overload]  # an opcode compares as an int
     if reader is None:
         return None
+    if record.opcode == Opcode.ATTACHMENT:
+        check_attachment(record)
     try:
-        stream = _Bounded(record.content)
-        parsed: McapRecord = reader(stream)
-        _check_attachment(parsed, record.content, stream.count)
+        with record.opened() as stream:
+            return cast(McapRecord, reader(stream))
     except _DAMAGE as error:
-        raise _damaged(file, record, error) from error
-    return parsed
+        raise _damaged(record, error) from error
 
 
-def _check_attachment(parsed: McapRecord, content: bytes, read: int) -> None:
-    if isinstance(parsed, Attachment):
-        told = int.from_bytes(content[read - 4 : read], "little")
-        if told not in (0, zlib.crc32(content[: read - 4])):
-            raise ValueError(f"the checksum of the attachment {parsed.name!r} is not that of its bytes")
+def check_attachment(record: Record) -> None:
+    """Verify the checksum of an attachment without holding it. Raises NotARecordingError."""
+    try:
+        with record.opened(summed=True) as stream:
+            stream.read(16)
+            name, _ = stream.read_prefixed_string(), stream.read_prefixed_string()
+            for _ in stream.blocks(stream.read8()):
+                pass
+            found = stream.checksum()
+            if stream.read4() not in (0, found):
+                raise ValueError(f"the checksum of the attachment {name!r} is not that of its bytes")
+    except _DAMAGE as error:
+        raise _damaged(record, error) from error
 
 
-def unpack(file: Path, record: Record) -> list[McapRecord]:
-    """The channels, schemas and messages that a chunk holds, its checksum verified.
+def unpack(record: Record) -> Iterator[McapRecord]:
+    """The channels, schemas and messages that a chunk holds; before the first one comes, all of it was verified.
 
-    Raises NotARecordingError on damage.
+    A large chunk is read twice. Raises NotARecordingError on damage.
     """
-    chunk = parse(file, record)
-    assert isinstance(chunk, Chunk)
     try:
-        return list(_inside(file, record, _unpacked(chunk)))
+        if record.length <= LARGE and chunk_head(record).uncompressed_size <= LARGE:
+            yield from list(_inside(record, _unpacked(cast(Chunk, parse(record)))))
+            return
+        for _ in _streamed(record, summed=True):
+            pass
+        yield from _streamed(record, summed=False)
     except _DAMAGE as error:
-        raise _damaged(file, record, error) from error
+        raise _damaged(record, error) from error
+
+
+def chunk_head(record: Record) -> Chunk:
+    """What a chunk tells of itself, without its data. Raises NotARecordingError on damage."""
+    try:
+        with record.opened() as stream:
+            return _chunk_head(stream)
+    except _DAMAGE as error:
+        raise _damaged(record, error) from error
+
+
+def _chunk_head(stream: _Bounded) -> Chunk:
+    begin, end, size, crc = stream.read8(), stream.read8(), stream.read8(), stream.read4()
+    return Chunk(stream.read_prefixed_string(), b"", end, begin, crc, size)
+
+
+def _streamed(record: Record, summed: bool) -> Iterator[McapRecord]:
+    """The records in a chunk, of which one at a time is held. Raises what `_DAMAGE` names."""
+    with record.opened() as stream:
+        head, length = _chunk_head(stream), stream.read8()
+        if length > stream.left:
+            raise EOFError(f"a field of {length} bytes is longer than its record")
+        with io.BufferedReader(_decompressing(head.compression, _Window(stream, length)), BLOCK) as inside:
+            data = _Bounded(inside, head.uncompressed_size, summed)
+            while data.left:
+                opcode, size = _HEAD.unpack(data.read(_HEAD.size))
+                yield from _one_inside(record, opcode, data.read(size))
+            if inside.read(1):
+                raise ValueError(f"a chunk holds more than the {head.uncompressed_size} bytes that it says")
+    if summed and head.uncompressed_crc not in (0, data.checksum()):
+        raise ValueError("the checksum of a chunk is not that of its bytes")
+
+
+def _decompressing(compression: str, packed_: _Window) -> io.RawIOBase:
+    match compression:
+        case "zstd":
+            return cast(io.RawIOBase, zstandard.ZstdDecompressor().stream_reader(cast(IO[bytes], packed_)))
+        case "lz4":
+            return cast(io.RawIOBase, lz4.frame.LZ4FrameFile(packed_))
+        case "":
+            return packed_
+        case other:
+            raise ValueError(f"its compression {other[:40]!r} is none that MCAP knows")
 
 
 def _unpacked(chunk: Chunk) -> bytes:
     """Raises what `_DAMAGE` names where the bytes are not those that the chunk tells of."""
     size = chunk.uncompressed_size
-    if size > MOST_UNPACKED:
-        raise ValueError(f"a chunk says to hold {size} bytes")
     match chunk.compression:
         case "zstd":
             data = _unpacked_zstd(chunk.data, size) if chunk.data else b""
@@ -263,7 +376,7 @@ def _unpacked_zstd(data: bytes, size: int) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
 
 
-def _inside(file: Path, record: Record, data: bytes) -> Iterator[McapRecord]:
+def _inside(record: Record, data: bytes) -> Iterator[McapRecord]:
     """The records in a chunk's unpacked bytes; kinds that are not known are skipped."""
     offset = 0
     while offset < len(data):
@@ -273,18 +386,25 @@ def _inside(file: Path, record: Record, data: bytes) -> Iterator[McapRecord]:
             raise EOFError(f"a record of {length} bytes is longer than its chunk")
         if opcode == Opcode.MESSAGE:
             yield _message(data, begin, offset)
-        elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
-            found = parse(file, Record(record.offset, opcode, data[begin:offset]))
-            assert found is not None
-            yield found
+        else:
+            yield from _one_inside(record, opcode, data[begin:offset])
 
 
-def message(file: Path, record: Record) -> Message:
+def _one_inside(record: Record, opcode: int, content: bytes) -> Iterator[McapRecord]:
+    if opcode == Opcode.MESSAGE:
+        yield _message(content, 0, len(content))
+    elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+        found = parse(Record(record.file, record.offset, opcode, len(content), content))
+        assert found is not None
+        yield found
+
+
+def message(record: Record) -> Message:
     """A message outside of any chunk. Raises NotARecordingError on damage."""
     try:
-        return _message(record.content, 0, len(record.content))
+        return _message(record.content, 0, record.length)
     except _DAMAGE as error:
-        raise _damaged(file, record, error) from error
+        raise _damaged(record, error) from error
 
 
 def _message(data: bytes, begin: int, end: int) -> Message:
@@ -322,15 +442,13 @@ def _is_chunk(file: Path, content: mmap.mmap, offset: int) -> bool:
     _, length = _HEAD.unpack(content[offset:behind])
     if length < 40 or length > len(content) - behind:
         return False
-    record = Record(offset, Opcode.CHUNK, content[behind : behind + length])
+    record = Record(file, offset, Opcode.CHUNK, length, None)
     try:
-        chunk = parse(file, record)
-        assert isinstance(chunk, Chunk)
-        return chunk.uncompressed_crc != 0 and bool(unpack(file, record))
+        return chunk_head(record).uncompressed_crc != 0 and any(True for _ in unpack(record))
     except NotARecordingError:
         return False
 
 
-def _damaged(file: Path, record: Record, error: BaseException | str) -> NotARecordingError:
+def _damaged(record: Record, error: BaseException | str) -> NotARecordingError:
     what = error if isinstance(error, str) else " ".join(str(error).split()) or type(error).__name__
-    return NotARecordingError(file, f"it is damaged at byte {record.offset}: {what}")
+    return NotARecordingError(record.file, f"it is damaged at byte {record.offset}: {what}")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 
 from recorder import records
 from recorder.errors import NotARecordingError, RecorderError, TornRecordingError
@@ -113,10 +113,10 @@ class Salvage:
     def _contents(self, record: records.Record, gone: list[str]) -> Iterator[McapRecord]:
         try:
             if record.opcode == Opcode.CHUNK:
-                yield from records.unpack(self.torn, record)
+                yield from records.unpack(record)
             elif record.opcode == Opcode.MESSAGE:
-                yield records.message(self.torn, record)
-            elif (parsed := records.parse(self.torn, record)) is not None:
+                yield records.message(record)
+            elif (parsed := records.parse(record)) is not None:
                 yield parsed
         except NotARecordingError as error:
             if not self._ends_in_zeros(record):
@@ -151,13 +151,12 @@ class Salvage:
         if record.opcode != Opcode.CHUNK:
             return error.reason
         try:
-            chunk = records.parse(self.torn, record)
-            assert isinstance(chunk, Chunk)
+            chunk = records.chunk_head(record)
             seconds = (chunk.message_end_time - chunk.message_start_time) / NS
             when = f", said to be {seconds:.1f} s from {chunk.message_start_time / NS:.3f} on"
         except NotARecordingError:
             when = ""
-        return f"the chunk at byte {record.offset} is damaged and left out ({len(record.content)} bytes{when})"
+        return f"the chunk at byte {record.offset} is damaged and left out ({record.length} bytes{when})"
 
     def _ends_in_zeros(self, record: records.Record) -> bool:
         """Whether a record, and all after it, ends in zeros that its system never replaced, as after a power cut."""

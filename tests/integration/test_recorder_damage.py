@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import tracemalloc
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -11,12 +12,13 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Message, Metadata
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata
 from mcap.writer import CompressionType, Writer
 from support_recordings import object_in_box
 
 from pipelines.cli import main
 from recorder import records
+from recorder.chunks import Batch
 from recorder.errors import NotARecordingError, RecorderError
 from recorder.recording import DEMONSTRATION, Demonstrated, RecordingWriter, messages, read_recording
 from recorder.recovery import recover
@@ -89,7 +91,7 @@ def test_our_own_writer_sums_its_data_section(tmp_path: Path) -> None:
 
 def test_what_lies_around_a_damaged_chunk_is_saved_and_what_is_gone_is_said(file: Path, tmp_path: Path) -> None:
     whole, damaged = counted(file), chunks(file)[2]
-    inside = sum(isinstance(found, Message) for found in records.unpack(file, damaged))
+    inside = sum(isinstance(found, Message) for found in records.unpack(damaged))
     flip(file, damaged.end - 10)
     done = recover(file, tmp_path / "saved.mcap")
     assert counted(tmp_path / "saved.mcap") == whole - inside
@@ -111,7 +113,7 @@ def test_behind_a_record_whose_length_is_wrong_the_next_chunk_is_found(file: Pat
 
 def test_channels_that_only_a_damaged_chunk_told_are_had_from_the_summary(file: Path, tmp_path: Path) -> None:
     whole, first = counted(file), chunks(file)[0]
-    inside = sum(isinstance(found, Message) for found in records.unpack(file, first))
+    inside = sum(isinstance(found, Message) for found in records.unpack(first))
     flip(file, first.end - 10)
     recover(file, tmp_path / "saved.mcap")
     assert counted(tmp_path / "saved.mcap") == whole - inside
@@ -180,7 +182,7 @@ def test_fields_of_a_newer_writer_are_skipped(tmp_path: Path) -> None:
     for record in records.walk(file):
         body = record.content
         if record.opcode == Opcode.CHUNK:
-            chunk = records.parse(file, record)
+            chunk = records.parse(record)
             assert isinstance(chunk, Chunk)
             inside = b"".join(padded(chunk.data, {Opcode.CHANNEL, Opcode.SCHEMA}))
             told = Chunk("", inside, chunk.message_end_time, chunk.message_start_time, 0, len(inside))
@@ -198,7 +200,7 @@ def test_fields_of_a_newer_writer_are_skipped(tmp_path: Path) -> None:
 
 
 def last_metadata(file: Path) -> dict[str, str]:
-    parsed = (records.parse(file, record) for record in records.walk(file))
+    parsed = (records.parse(record) for record in records.walk(file))
     *_, last = (found for found in parsed if isinstance(found, Metadata) and found.name == DEMONSTRATION)
     return last.metadata
 
@@ -219,3 +221,44 @@ def test_the_command_says_what_is_gone(file: Path, capsys: pytest.CaptureFixture
     document = json.loads(capsys.readouterr().out)
     assert len(document["gone"]) == 1
     assert counted(Path(document["file"])) == sum(document["messages"].values())
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_chunk_that_is_too_large_to_be_held_reads_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: CompressionType
+) -> None:
+    file = written(tmp_path / "one.mcap", chunk_size=1 << 30, compression=compression)
+    held = [(channel.topic, message) for channel, message in messages(file)]
+    monkeypatch.setattr(records, "LARGE", 1000)
+    assert [(channel.topic, message) for channel, message in messages(file)] == held
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_nothing_of_a_large_chunk_is_believed_before_all_of_it_was_verified(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: CompressionType
+) -> None:
+    monkeypatch.setattr(records, "LARGE", 1000)
+    file = written(tmp_path / "one.mcap", chunk_size=1 << 30, compression=compression)
+    (chunk,) = chunks(file)
+    flip(file, chunk.end - 10)
+    with pytest.raises(NotARecordingError, match=f"damaged at byte {chunk.offset}"):
+        next(messages(file))
+
+
+def test_memory_of_reading_grows_neither_with_a_chunk_nor_with_an_attachment(tmp_path: Path) -> None:
+    large = 4 * records.LARGE
+    with RecordingWriter(tmp_path / "large.mcap", Demonstrated("d", "t", "u", "c", "base", "tool0", ("A",))) as writer:
+        batch = Batch()
+        for number in range(64):
+            batch.add(1, number, number, number, bytes(large // 64))
+        writer.add_channel(1, "/camera", "zenoh/bytes")
+        writer.write_batch(batch)
+        writer.adopt_attachment(Attachment(0, 0, "video", "video/mp4", bytes(large)))
+        writer.finish()
+    del batch
+    tracemalloc.start()
+    try:
+        assert counted(tmp_path / "large.mcap") == 64
+        assert tracemalloc.get_traced_memory()[1] < records.LARGE
+    finally:
+        tracemalloc.stop()
