@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -33,10 +32,6 @@ class LearnedActions:
         self.grasps = {name: self._grasp(name) for name in self.axes}
         self.nearest_m = nearest_rests_m(moves, targets, parameters.same_rest_m)
         self.placements: Mapping[Target, Place | Drop] = {target: self._placement(target) for target in targets}
-
-    def with_radii(self, radii: Iterable[tuple[Target, float]]) -> LearnedActions:
-        """The same actions with other radii [m] of some targets' conditions."""
-        return self.with_placements({t: replace(self.placements[t], radius=radius) for t, radius in radii})
 
     def with_placements(self, placements: Mapping[Target, Place | Drop]) -> LearnedActions:
         """The same actions with other placements of some targets."""

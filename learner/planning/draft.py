@@ -32,7 +32,7 @@ class Draft:
     def tree(self, repairs: Repairs = NOTHING) -> Tree:
         """The tree, with what a rehearsal has taught."""
         understood = self.understood
-        actions = self.actions.with_radii(repairs.radii)
+        actions = self.actions
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in understood.groups]
         recovery = PileRecovery.of(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
@@ -73,11 +73,6 @@ class Draft:
     def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
         """The goals of each group as the tree pursues them."""
         return [[subgoal.target for subgoal in in_order(group, repairs)] for group in self.understood.groups]
-
-    @property
-    def nearest_m(self) -> Mapping[Target, float]:
-        """For each target the distance [m] to the nearest other one."""
-        return self.actions.nearest_m
 
 
 def in_order(group: Group, repairs: Repairs) -> tuple[Subgoal, ...]:

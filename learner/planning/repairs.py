@@ -13,28 +13,22 @@ class Repairs:
     """What the planner is to do otherwise.
 
     widened: for a target the objects that occupy its place even when they stand only partly on it. before: pairs of
-    targets of which the first is to be reached first. radii: for a target the radius [m] of its condition.
+    targets of which the first is to be reached first.
     """
 
     widened: frozenset[tuple[Target, str]] = frozenset()
     before: frozenset[tuple[Target, Target]] = frozenset()
-    radii: tuple[tuple[Target, float], ...] = ()
 
     def __or__(self, other: Repairs) -> Repairs:
-        """Both; of two radii of one target the wider, of two contrary orders the first."""
-        radii = dict(self.radii)
-        for target, radius in other.radii:
-            radii[target] = max(radius, radii.get(target, 0.0))
-        in_order = tuple(sorted(radii.items(), key=lambda item: (item[0].object, item[0].members)))
+        """Both; of two contrary orders the first."""
         before = self.before | {(a, b) for a, b in other.before if (b, a) not in self.before}
-        return Repairs(self.widened | other.widened, before, in_order)
+        return Repairs(self.widened | other.widened, before)
 
     def sentences(self) -> list[str]:
         """For the manifest."""
         return [
             *sorted(f"{b} occupies the place of {t.object} in {t.frame} even partly" for t, b in self.widened),
             *sorted(f"{a.object} in {a.frame} comes before {b.object} in {b.frame}" for a, b in self.before),
-            *(f"the radius of {t.object} in {t.frame} is {radius:g} m" for t, radius in self.radii),
         ]
 
 

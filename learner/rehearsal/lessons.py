@@ -3,7 +3,9 @@
 - Placing fails upon contact with something where no condition looks: there it occupies the place (`widened`).
 - Placing fails upon contact with something that already lies where it belongs, or something is placed again and again
   upon what is still to be moved: the order is wrong (`before`).
-- An action succeeds and its condition does not come to hold, or flickers: its radius is too small (`radii`).
+
+A radius is none of them: it is as wide already as the spread of the demonstrations and what must be told apart allow.
+What does not come to rest within it in a simulation says that the simulation is wrong, or the task is not understood.
 """
 
 from __future__ import annotations
@@ -11,13 +13,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from itertools import islice, pairwise
+from itertools import islice
 
 from learner.inference.targets import Target
 from learner.model import Drop, Place, Tree
-from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.planning.repairs import NOTHING, Repairs
-from learner.planning.rounding import rounded
 from learner.rehearsal.goal import Goal, holds
 from learner.rehearsal.parameters import LessonParameters
 from learner.rehearsal.rehearsal import RELEASES, Rehearsal, RolloutResult
@@ -70,20 +70,19 @@ def _sensible(pairs: Set[tuple[Target, str]]) -> frozenset[tuple[Target, str]]:
 class Lessons:
     """Proposes repairs for the failures of one plan.
 
-    `placements` and the distance [m] to the `nearest` other place are by target; `orders` are the targets of each group
-    as they are pursued now, given what is repaired; `goals` what was rehearsed; `bodies` what can be in the way.
+    `placements` are by target; `orders` are the targets of each group as they are pursued now, given what is repaired;
+    `goals` what was rehearsed; `bodies` what can be in the way.
     """
 
     def __init__(
         self,
         placements: Mapping[Target, Place | Drop],
-        nearest_m: Mapping[Target, float],
         orders: Callable[[Repairs], Sequence[Sequence[Target]]],
         goals: Sequence[Goal],
         bodies: Mapping[str, Body],
         parameters: LessonParameters | None = None,
     ) -> None:
-        self.placements, self.nearest_m, self.orders = placements, nearest_m, orders
+        self.placements, self.orders = placements, orders
         self.goals, self.bodies, self.parameters = goals, bodies, parameters or LessonParameters()
         self.known = NOTHING
 
@@ -105,7 +104,7 @@ class Lessons:
     def _seen(self, failures: Sequence[RolloutResult], known: Repairs) -> Repairs:
         found, self.known = NOTHING, known
         for result in failures:
-            for repair in (*self._contacts(result), *self._undone(result), *self._radii(result)):
+            for repair in (*self._contacts(result), *self._undone(result)):
                 found |= repair
         return found
 
@@ -136,25 +135,6 @@ class Lessons:
                     under = {target.frame, *(target.upon or ())[:1]}
                     later = [other for other in order[place + 1 :] if other.object in under]
                     yield Repairs(before=frozenset((other, target) for other in later))
-
-    def _radii(self, result: RolloutResult) -> Iterator[Repairs]:
-        """Wider where an object was placed again and again with nothing between, or reached for and let be."""
-        repeated = Counter(a for a, b in pairwise(result.placed) if a == b)
-        often = self.parameters.often
-        again = {pair for pair, times in repeated.items() if times >= often - 1}
-        given_up = {name for (kind, name), times in result.given_up.items() if kind == "Pick" and times >= often}
-        for target in self.placements:
-            if (target.object, target.frame) in again or target.object in given_up:
-                yield Repairs(radii=self._wider(target))
-
-    def _wider(self, target: Target) -> tuple[tuple[Target, float], ...]:
-        placement = self.placements[target]
-        cap = PLACE_RADIUS_M if isinstance(placement, Place) else DROP_RADIUS_M
-        now_m = dict(self.known.radii).get(target, placement.radius)
-        p = self.parameters
-        apart = p.apart * self.nearest_m.get(target, cap / p.apart)
-        wider = rounded(min(cap, max(p.least_m, p.wider * now_m), apart))
-        return ((target, wider),) if wider > now_m else ()
 
     def _targets(self, name: str, frame: str) -> list[Target]:
         return [target for target in self.placements if (target.object, target.frame) == (name, frame)]

@@ -100,7 +100,13 @@ class Rehearsal:
             "contacts": sum(result.world.faults.contacts for result in self.results),
             "failures": [str(result) for result in self.failures[: self.stage.parameters.judging.told]],
             "left_out": dict(self.stage.left_out),
+            **({} if self.results else {"reason": self._reason()}),
         }
+
+    def _reason(self) -> str:
+        """Why there are no rollouts."""
+        left_out = next(iter(self.stage.left_out.values()), "no start is known")
+        return "the task is done, or cannot be done, at every start" if self.stage.starts else left_out
 
 
 def _done(results: Sequence[RolloutResult]) -> Share:

@@ -21,6 +21,7 @@ from learner.model.frame import is_composed, objects_of
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
 from learner.model.tree import Value
 from learner.planning.actions import scene_of
+from learner.rehearsal.landing import Landing, sentence_on, unlike
 from learner.rehearsal.parameters import RehearsalParameters
 from learner.simulation.gravity import WALL_M, Body, Spot, Table
 from learner.simulation.kinematic_world import NOISELESS, REACH_M, WORKSPACE_M, KinematicWorld, Noise
@@ -76,9 +77,10 @@ class Stage:
 
     `bodies`: an object within which something lay or came to rest is an open box, any other a block; what was picked
     can be grasped, and so can its like and what is small. `starts`: of the demonstrations whose releases the stage
-    reproduces; `left_out` gives the reason for each other one. Without a scene objects are points. `turns` take an
-    object's frame to that of its upright body, `origins_m` is how high its origin lies in that, whose own is in the
-    middle.
+    reproduces; `left_out` gives the reason for each other one. `unlike` tells, by object and what it lies on, how far
+    from where all demonstrations left it something comes to rest: there the stage lacks something (a pocket, a rim).
+    Without a scene objects are points. `turns` take an object's frame to that of its upright body, `origins_m` is how
+    high its origin lies in that, whose own is in the middle.
     """
 
     def __init__(self, demonstrations: Sequence[Demonstration], parameters: RehearsalParameters | None = None) -> None:
@@ -96,8 +98,10 @@ class Stage:
         self.shift = self._shift()
         self.tip = self._tip()
         self.left_out: dict[str, str] = {}
-        some = (self.start(demonstration) for demonstration in spread_evenly(demonstrations, self.numbers.most_starts))
-        self.starts = [start for start in some if start]
+        some = spread_evenly(demonstrations, self.numbers.most_starts)
+        self._landed = {shown.demonstration_id: self._landings(shown) for shown in some}
+        self.unlike = unlike((one for landings in self._landed.values() for one in landings), self.numbers.agreed_m)
+        self.starts = [start for shown in some if (start := self.start(shown))]
 
     @cached_property
     def points(self) -> bool:
@@ -316,9 +320,8 @@ class Stage:
     def start(self, demonstration: Demonstration) -> Start | None:
         """Where a demonstration began; None if the stage does not reproduce it, for the reason that is then kept."""
         begin = demonstration.first_seen
-        reason = self._tilted(begin) or next(
-            (reason for action in demonstration.actions if action.rest and (reason := self._differs(action))), None
-        )
+        landings = self._landed.get(demonstration.demonstration_id) or self._landings(demonstration)
+        reason = self._tilted(begin) or next((said for one in landings if (said := self._differs(one))), None)
         if reason:
             self.left_out[demonstration.demonstration_id] = reason
             return None
@@ -343,26 +346,43 @@ class Stage:
                 return f"{name} lies on another face than in the others"
         return None
 
-    def _differs(self, action: DemonstratedAction) -> str | None:
-        """What the stage does otherwise at a release, None if it does as was shown."""
+    def _landings(self, demonstration: Demonstration) -> list[Landing]:
+        """Each release of a demonstration, done on the stage."""
+        return [self._landing(action) for action in demonstration.actions if action.rest is not None]
+
+    def _landing(self, action: DemonstratedAction) -> Landing:
         assert action.rest is not None
         name = action.object
         poses = {other: pose for other, pose in action.objects.items() if other in self.turns}
         world = self.world(self._spots(poses), np.random.default_rng(0), NOISELESS)
         world.held = name
         met = world.met_by_held() if not self.points and action.type == "place" else None
-        if met:
-            return f"where {name} was let go it would meet {met}"
-        fall_m = world.table.drop(name, world.table.spots[name])
+        above = world.table.spots[name]
+        world.table.drop(name, above)
         rest, shown = world.table.spots[name], self.spot(name, action.rest[self.base])
-        away = math.dist((rest.x, rest.y), (shown.x, shown.y))
-        near_m = (
-            self.numbers.dropped_m if action.type == "drop" or fall_m > self.numbers.fell_m else self.numbers.placed_m
-        )
-        return f"{name} would not stay where it came to rest" if self._off(away, rest, shown, near_m) else None
+        dropped = action.type == "drop" or above.z - shown.z > self.numbers.fell_m
+        off = (0.0, 0.0, 0.0) if self.points else (rest.x - shown.x, rest.y - shown.y, rest.z - shown.z)
+        return Landing(name, self._under(action), dropped, off, met)
 
-    def _off(self, away_m: float, rest: Spot, shown: Spot, near_m: float) -> bool:
-        return not self.points and (away_m > near_m or abs(rest.z - shown.z) > near_m)
+    def _under(self, action: DemonstratedAction) -> str | None:
+        """The object within whose outline the one released came to rest, the nearest if several; None for none."""
+        rests = {name: self._into(name).apply(pose.position) for name, pose in (action.rest or {}).items()
+                 if name in self.shapes}  # fmt: skip
+        within = [
+            (math.hypot(x, y), name)
+            for name, (x, y, _) in rests.items()
+            if abs(x) <= self.shapes[name].size_m[0] / 2 and abs(y) <= self.shapes[name].size_m[1] / 2
+        ]
+        return min(within)[1] if within else None
+
+    def _differs(self, landing: Landing) -> str | None:
+        """What the stage does otherwise at a release, None if it does as was shown."""
+        if landing.met:
+            return f"where {landing.object} was let go it would meet {landing.met}"
+        if (landing.object, landing.under) in self.unlike and not landing.dropped:
+            return sentence_on(landing, self.unlike[landing.object, landing.under])
+        near_m = self.numbers.dropped_m if landing.dropped else self.numbers.placed_m
+        return f"{landing.object} would not stay where it came to rest" if landing.away_m > near_m else None
 
 
 def _ups(poses: Sequence[Pose]) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -82,6 +83,7 @@ class _Trial:
         notes = (
             *self.first.notes,
             *_unproven(best.certificate),
+            *_left_out(self.stage),
             *_said(best),
             *_unlike(self.first.report.get("users", ()), users),
         )
@@ -126,7 +128,6 @@ class _Trial:
     def _lessons(self) -> Lessons:
         return Lessons(
             self.draft.placements,
-            self.draft.nearest_m,
             self.draft.orders,
             self.goals(self.stage),
             self.stage.bodies,
@@ -159,6 +160,15 @@ def _unlike(users: Sequence[Mapping[str, Any]], success: Mapping[str, Share | No
         f"the tree of the others does what user {name} did from {share} starts"
         for name, share in shares
         if float(share) < 0.5
+    ]
+
+
+def _left_out(stage: Stage) -> list[str]:
+    """A sentence for each reason for which demonstrations cannot be set up in simulation, the most frequent first."""
+    reasons = Counter(stage.left_out.values()).most_common()
+    return [
+        f"left out of the rehearsal, {count} demonstration{'s' if count > 1 else ''}: {reason}"
+        for reason, count in reasons
     ]
 
 

@@ -29,7 +29,7 @@ def reasons_against(learned: Learned, doubts: Sequence[Doubt]) -> tuple[str, ...
 def untried(learned: Learned) -> tuple[str, ...]:
     """Sentences on what was not tried, so that nobody takes its silence for success."""
     rehearsal, replay = (learned.report.get(name, {}) for name in ("rehearsal", "replay"))
-    unrehearsed = rehearsal.get("reason") or ("no start is known" if rehearsal.get("rollouts") == 0 else None)
+    unrehearsed = rehearsal.get("reason")
     return (
         *((f"it was not rehearsed: {unrehearsed}",) if unrehearsed else ()),
         *((f"it was not replayed with the simulated arm: {replay['reason']}",) if replay.get("reason") else ()),

@@ -42,7 +42,7 @@ def test_a_contact_that_happens_often_is_a_lesson_wherever_the_hand_was() -> Non
     demonstrations = repeated(["A", "B"], [script] * 3)
     draft = METHODS["treewright"](demonstrations, Parameters()).draft
     assert draft
-    lessons = Lessons(draft.placements, draft.nearest_m, draft.orders, [], dict.fromkeys("ABC", CUBE))
+    lessons = Lessons(draft.placements, draft.orders, [], dict.fromkeys("ABC", CUBE))
     met = [Failure("contact", with_="C", left_m=0.01 * left) for left in range(3)]
     taught = lessons.of([result(*met)])[-1]
     assert {(target.object, name) for target, name in taught.widened} == {("A", "C")}

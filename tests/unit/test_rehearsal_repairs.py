@@ -16,7 +16,7 @@ from learner.execution.ticking import Status
 from learner.inference.targets import Target
 from learner.inference.understanding import understand
 from learner.learning import METHODS
-from learner.model import Demonstration, Drop, ObjectAt, Place, Tree
+from learner.model import Demonstration, ObjectAt, Place, Tree
 from learner.parameters import Parameters
 from learner.planning.draft import Draft, in_order
 from learner.planning.occupations import Occupation, Occupations
@@ -47,23 +47,16 @@ class Weakened(Draft):
 
     unseeing: bool = False
     backwards: bool = False
-    radius_m: float | None = None
 
     def tree(self, repairs: Repairs = NOTHING) -> Tree:
         understood = self.understood
-        actions = self.actions.with_placements(self.placements).with_radii(repairs.radii)
+        actions = self.actions
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in self._groups()]
         recovery = PileRecovery.of(understood.demonstrations, actions, understood.targets, repairs.widened)
         if self.unseeing:
             unseeing = Unseeing(recovery.obstacles, understood.targets, repairs.widened)
             recovery = replace(recovery, occupations=unseeing)
         return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
-
-    @property
-    def placements(self) -> Mapping[Target, Place | Drop]:
-        known = self.actions.placements
-        narrow = self.radius_m
-        return {t: replace(p, radius=narrow) for t, p in known.items()} if narrow else known
 
     def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
         return [[subgoal.target for subgoal in in_order(group, repairs)] for group in self._groups()]
@@ -86,11 +79,11 @@ def setting(name: str) -> tuple[Stage, Draft, list[Goal]]:
     return stage, draft, goals_of(draft.understood.groups, draft.placements, stage)
 
 
-def candidates_of(name: str, **weakness: bool | float) -> list[Candidate]:
+def candidates_of(name: str, **weakness: bool) -> list[Candidate]:
     """The attempts at repairing a tree that is weakened on purpose."""
     stage, draft, goals = setting(name)
-    weak = Weakened(draft.understood, PARAMETERS.planning, {}, **weakness)  # type: ignore[arg-type]  # by name
-    lessons = Lessons(weak.placements, weak.nearest_m, weak.orders, goals, stage.bodies)
+    weak = Weakened(draft.understood, PARAMETERS.planning, {}, **weakness)
+    lessons = Lessons(weak.placements, weak.orders, goals, stage.bodies)
     return candidates(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals), lessons.of)
 
 
@@ -108,14 +101,6 @@ def test_an_order_in_which_one_placement_undoes_another_is_turned_round() -> Non
     assert float(last.rehearsal.share) == 1.0
 
 
-def test_a_radius_within_the_noise_is_widened_but_never_beyond_the_papers() -> None:
-    first, *_, last = candidates_of("tower_and_box", radius_m=0.006)
-    assert float(first.rehearsal.share) < 0.9
-    assert float(last.rehearsal.share) > float(first.rehearsal.share)
-    assert last.repairs.radii
-    assert all(0.006 < radius <= 0.05 for _, radius in last.repairs.radii)
-
-
 def test_a_tree_that_rehearses_well_is_left_as_it_is() -> None:
     (only,) = candidates_of("object_in_box")
     assert only.repairs == NOTHING
@@ -124,13 +109,13 @@ def test_a_tree_that_rehearses_well_is_left_as_it_is() -> None:
 
 def test_an_attempt_that_is_no_better_is_not_kept() -> None:
     stage, draft, goals = setting("tower_and_box")
-    target = draft.understood.targets[0]
+    a, b = draft.understood.targets[:2]
     worse = candidates_of("tower_and_box", backwards=True)[0].tree
     found = candidates(
         draft.tree(),
         lambda _: worse,
         lambda tree: rehearse(tree, stage, goals),
-        lambda *_: [Repairs(radii=((target, 0.049),))],
+        lambda *_: [Repairs(before=frozenset({(a, b)}))],
     )
     assert [attempt.tree for attempt in found] == [draft.tree()]
 
@@ -236,12 +221,10 @@ def test_without_shapes_trees_are_rehearsed_among_points() -> None:
     assert set(data["by_kind"]) == {"shown", "taken", "moved"}
 
 
-def test_contrary_repairs_leave_the_first_order_and_the_wider_radius() -> None:
+def test_of_contrary_orders_the_first_is_kept() -> None:
     a, b = setting("tower_and_box")[1].understood.targets[:2]
-    both = Repairs(before=frozenset({(a, b)}), radii=((a, 0.03),)) | Repairs(
-        before=frozenset({(b, a)}), radii=((a, 0.02),)
-    )
-    assert both == Repairs(before=frozenset({(a, b)}), radii=((a, 0.03),))
+    first, contrary = Repairs(before=frozenset({(a, b)})), Repairs(before=frozenset({(b, a)}))
+    assert first | contrary == first
 
 
 def test_nothing_that_stands_on_the_table_counts_as_demonstrated_in_the_air() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -9,11 +10,11 @@ import numpy as np
 import pytest
 from experiments.demonstrator import demonstrated
 from experiments.scenarios import SCENARIOS
-from support_demonstrations import Put, repeated
+from support_demonstrations import Put, at, repeated, scripted
 
 from learner.learned import Learned
 from learner.learning import learn
-from learner.model import Demonstration
+from learner.model import Demonstration, ObjectShape, Scene
 from learner.rehearsal import trial
 from learner.rehearsal.arm_replay import Replay, replay
 from learner.rehearsal.goal import goals_of
@@ -23,6 +24,7 @@ from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
 from learner.simulation.failure import Failure
 from learner.simulation.kinematic_world import Attempt, Faults
+from pipelines.steps.gate import untried
 
 
 @cache
@@ -151,3 +153,37 @@ def test_a_stage_is_the_same_for_the_replay_wherever_it_stands_on_the_table() ->
     for name in here.table.spots:
         a, b = here.spot(name), there.spot(name)
         assert (b.x - a.x, b.y - a.y, b.z - a.z) == pytest.approx((0.1, -0.2, 0.0))
+
+
+FIXTURE = ObjectShape((0.2, 0.2, 0.06))
+PART = ObjectShape((0.05, 0.05, 0.04))
+
+
+@cache
+def in_a_pocket() -> tuple[Learned, Learned]:
+    """Learned without and with a rehearsal: a part that lies 20 mm above where the floor of a box would be."""
+    scene = Scene({"A": PART, "F": FIXTURE}, ((0.15, 0.85), (-0.55, 0.55)))
+    rng, found = np.random.default_rng(3), []
+    for number in range(4):
+        start = {"A": at(0.4, 0.3 - 0.03 * number, z=0.02), "F": at(0.5, -0.2, z=0.03, yaw=0.3 * number)}
+        script = [Put("A", "F", (0.04, 0.03, 0.015), yaw=float(rng.uniform(-3, 3)))]
+        found.append(scripted(start, script, f"d{number}", rng=rng, scene=scene))
+    return learn(found), learn(found, rehearsed=True)
+
+
+def test_a_rehearsal_never_widens_a_radius() -> None:
+    before, after = in_a_pocket()
+    assert after.tree == before.tree
+    assert after.report["rehearsal"]["repairs"] == []
+
+
+def test_what_cannot_be_simulated_is_left_out_and_told() -> None:
+    _, after = in_a_pocket()
+    rehearsal, replayed_ = after.report["rehearsal"], after.report["replay"]
+    (note,) = (note for note in after.notes if note.startswith("left out of the rehearsal"))
+    assert (rehearsal["rollouts"], replayed_["runs"]) == (0, [])
+    assert re.search(r"4 demonstrations: A comes to rest (19|20|21) mm lower in simulation than it did each time", note)
+    assert rehearsal["reason"] in note
+    assert "F may have a pocket or a rim" in rehearsal["reason"]
+    (told, *_) = untried(after)
+    assert told == f"it was not rehearsed: {rehearsal['reason']}"
