@@ -10,37 +10,34 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import Final
 
 from learner.errors import LearnerError
 from learner.model.frame import check_frame
 from learner.model.names import NODES, NONE, check_name, identifier
-from learner.model.tree import (
+from learner.model.query import sites_of
+from learner.model.tree import IDENTIFIER, MAX_DEPTH, Definition, Node, Tree, Value, is_reference
+from learner.model.vocabulary import (
     ACTIONS,
     CONDITIONS,
     DECORATORS,
     FALLBACKS,
-    IDENTIFIER,
     LEAVES,
-    MAX_DEPTH,
+    LENGTHS,
     REFERENCE,
+    SCALARS,
     SECOND,
     SEQUENCES,
     SUBTREE,
-    Definition,
-    Node,
-    Tree,
-    Value,
+    outputs_of,
+    port_kind,
 )
 from storage.errors import WrittenTreeError
 
 VERSION: Final = "4"
 KINDS: Final = (*LEAVES, *SEQUENCES, *FALLBACKS, *DECORATORS, SUBTREE)
 EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")
-LENGTHS: Final = {"position": 3, "orientation": 4}
-PORT_KINDS: Final = {"object": "name", "frame": "name"}
-"""Ports whose values are exchangeable: an object may serve as a frame."""
 PORT_DOCUMENTATION: Final = {
     "state": "open or closed",
     "object": "object id",
@@ -49,9 +46,14 @@ PORT_DOCUMENTATION: Final = {
     "orientation": "quaternion x;y;z;w in frame",
     "radius": "metres",
     "angle": "radians",
+    "found": "object id",
+    "kind": "kind of the scene",
+    "at": "places frame;x;y;z;radius, ;rough behind a cylinder, joined by |",
+    "not_at": "places, as in at",
+    "count": "at least so many",
+    "signal": "name of a signal",
+    "value": "JSON",
 }
-SCALARS: Final = ("radius", "angle")
-"""Ports that hold one number."""
 MAX_NODES: Final = 300_000
 """Far beyond any learned tree; SubTrees of SubTrees can multiply without bound."""
 RESERVED_PORTS: Final = ("name", "ID")
@@ -59,6 +61,8 @@ INSTANCE_NAME: Final = re.compile(r"[A-Za-z0-9_]+", re.ASCII)
 
 Roots = Mapping[str, ET.Element]
 PortKinds = Mapping[tuple[str, str], str]
+Ports = Mapping[str, Set[str]]
+"""Names of ports or entries, by the ID of a tree."""
 
 
 def to_xml(tree: Tree) -> str:
@@ -91,7 +95,8 @@ def from_xml(text: str | bytes) -> Tree:
     _check_extent(roots)
     kinds = _port_kinds(roots)
     _check_models(root, roots)
-    definitions = {tree_id: _definition(tree_id, element, roots, kinds) for tree_id, element in roots.items()}
+    names = _handed(roots), _written_entries(roots)
+    definitions = {tree_id: _definition(tree_id, element, roots, kinds, *names) for tree_id, element in roots.items()}
     if definitions[str(main)].ports:
         raise WrittenTreeError(f"the main tree {main} refers to {{{definitions[str(main)].ports[0]}}} but has no ports")
     try:
@@ -115,9 +120,9 @@ def validate(xml: str | bytes) -> None:
 def _element(node: Node, taken: set[str]) -> ET.Element:
     ports = dict(node.ports)
     order = LEAVES.get(node.kind, tuple(sorted(ports)))
-    written = {name: _written(ports[name]) for name in order}
+    texts = {name: written(ports[name]) for name in order}
     head = {"ID": str(node.id), "name": _instance_name(node, taken)} if node.kind == SUBTREE else {}
-    element = ET.Element(node.kind, {**head, **written})
+    element = ET.Element(node.kind, {**head, **texts})
     element.extend(_element(child, taken) for child in node.children)
     return element
 
@@ -135,7 +140,8 @@ def _instance_name(node: Node, taken: set[str]) -> str:
     return name
 
 
-def _written(value: Value) -> str:
+def written(value: Value) -> str:
+    """The text of a port's value: numbers joined by `;`. Raises WrittenTreeError for what is not finite."""
     if isinstance(value, str):
         return value
     numbers = [float(number) for number in (value if isinstance(value, tuple) else (value,))]
@@ -145,15 +151,16 @@ def _written(value: Value) -> str:
 
 
 def _model(tree: Tree) -> ET.Element:
-    """Of every node of the vocabulary that the tree needs."""
+    """Of every node of vocabulary 1, and of those of vocabulary 2 that the tree has."""
     model = ET.Element("TreeNodesModel")
     for tag, leaves in (("Condition", CONDITIONS), ("Action", ACTIONS)):
         for kind, ports in leaves.items():
-            if kind in SECOND and tree.vocabulary < 2:
+            if kind in SECOND and kind not in tree.leaves:
                 continue
             entry = ET.SubElement(model, tag, {"ID": kind})
             for port in ports:
-                ET.SubElement(entry, "input_port", {"name": port}).text = PORT_DOCUMENTATION[port]
+                direction = "output_port" if port in outputs_of(kind) else "input_port"
+                ET.SubElement(entry, direction, {"name": port}).text = PORT_DOCUMENTATION[port]
     return model
 
 
@@ -232,9 +239,18 @@ def _check_model(kind: str, entry: ET.Element) -> None:
     if kind not in LEAVES:
         raise WrittenTreeError(f"the TreeNodesModel lists {kind!r}, which is no node of the contract")
     tag = "Condition" if kind in CONDITIONS else "Action"
-    ports = sorted(port.get("name", "") for port in entry if port.tag == "input_port")
-    if entry.tag != tag or ports != sorted(LEAVES[kind]) or len(ports) != len(entry):
-        raise WrittenTreeError(f"the TreeNodesModel must list {kind} as <{tag}> with inputs {', '.join(LEAVES[kind])}")
+    found = sorted((port.tag, port.get("name", "")) for port in entry)
+    outputs = outputs_of(kind)
+    inputs = [port for port in LEAVES[kind] if port not in outputs]
+    if entry.tag != tag or found != sorted([*_directed("input_port", inputs), *_directed("output_port", outputs)]):
+        written = f" and outputs {', '.join(outputs)}" if outputs else ""
+        raise WrittenTreeError(
+            f"the TreeNodesModel must list {kind} as <{tag}> with inputs {', '.join(inputs) or 'none'}{written}"
+        )
+
+
+def _directed(direction: str, ports: Sequence[str]) -> list[tuple[str, str]]:
+    return [(direction, port) for port in ports]
 
 
 def _references(root: ET.Element) -> Iterator[tuple[ET.Element, str, str]]:
@@ -261,7 +277,7 @@ def _port_kinds(roots: Roots) -> dict[tuple[str, str], str]:
 def _attribute_kind(element: ET.Element, attribute: str, kinds: PortKinds) -> str | None:
     if element.tag == SUBTREE:
         return kinds.get((element.get("ID", ""), attribute))
-    return PORT_KINDS.get(attribute, attribute)
+    return port_kind(attribute)
 
 
 def _agree(kinds: dict[tuple[str, str], str], tree_id: str, port: str, kind: str) -> None:
@@ -269,9 +285,34 @@ def _agree(kinds: dict[tuple[str, str], str], tree_id: str, port: str, kind: str
         raise WrittenTreeError(f"the port {port} of {tree_id} is used both as {kinds[tree_id, port]} and as {kind}")
 
 
-def _definition(tree_id: str, root: ET.Element, roots: Roots, kinds: PortKinds) -> Definition:
-    ports = {port for _, _, port in _references(root)}
-    for port in ports:
+def _handed(roots: Roots) -> Ports:
+    """For each tree the ports that its uses hand in."""
+    handed: dict[str, set[str]] = {tree_id: set() for tree_id in roots}
+    for root in roots.values():
+        for element in root.iter(SUBTREE):
+            handed[element.get("ID", "")] |= element.attrib.keys() - {"ID", "name"}
+    return handed
+
+
+def _written_entries(roots: Roots) -> Ports:
+    """For each tree the names that its leaves write, or the SubTrees that it uses; until nothing new is found."""
+    written: dict[str, set[str]] = {tree_id: set() for tree_id in roots}
+    before = -1
+    while before != (before := sum(map(len, written.values()))):
+        for tree_id, root in roots.items():
+            for element, attribute, name in _references(root):
+                inside = written[element.get("ID", "")] if element.tag == SUBTREE else outputs_of(element.tag)
+                if attribute in inside:
+                    written[tree_id] |= {name}
+    return written
+
+
+def _definition(
+    tree_id: str, root: ET.Element, roots: Roots, kinds: PortKinds, handed: Ports, written: Ports
+) -> Definition:
+    references = {port for _, _, port in _references(root)}
+    ports = {port for port in references if port in handed[tree_id] or port not in written[tree_id]}
+    for port in references:
         if not IDENTIFIER.fullmatch(port) or port.startswith("_") or port in RESERVED_PORTS:
             raise WrittenTreeError(f"a port of {tree_id} cannot be called {port!r}")
     return Definition(tree_id, _node(root, kinds), tuple(sorted(ports)))
@@ -310,8 +351,15 @@ def _check_values(tree: Tree) -> None:
     """What only shows once the ports of the SubTrees are filled in."""
     for node in tree.flattened().walk():
         for port, value in node.ports:
+            if is_reference(value):
+                continue
             if port == "frame":
                 check_frame(str(value))
+            if port in ("kind", "signal"):
+                check_name(port, value)
+            if port in ("at", "not_at"):
+                for site in sites_of(str(value)):
+                    check_frame(site.frame)
             if port == "object" and not (node.kind == "InGripper" and value == NONE):
                 check_name(port, value)
             if port == "state" and value not in ("open", "closed"):

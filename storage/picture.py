@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from typing import Final
 from xml.sax.saxutils import escape
 
-from learner.model.tree import CONDITIONS, LEAVES, REFERENCE, SUBTREE, Node, Tree, Value, is_recovery
+from learner.model.tree import Node, Tree, Value, is_recovery
+from learner.model.vocabulary import CONDITIONS, LEAVES, REFERENCE, SUBTREE
 
 SYMBOLS: Final = {
     "Sequence": "→",

@@ -4,7 +4,8 @@ behaviortreepy cannot declare the ports of a node, and BehaviorTree.CPP refuses 
 So leaves are rewritten to nodes `BareCondition` and `BareAction` without attributes; everything else is ticked by C++
 as it stands in the document. Which leaf a callback is for tells its UID: BehaviorTree.CPP numbers the nodes from 1 in
 depth-first order, a SubTree before what it contains. What a leaf's port `{name}` refers to is looked up in the
-blackboard that BehaviorTree.CPP built for that SubTree, and must be what the flattened tree says.
+blackboard that BehaviorTree.CPP built for that SubTree, and must be what the flattened tree says; what a query writes
+is written there.
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ from xml.etree import ElementTree
 
 import behaviortreepy
 
+from learner.execution.entries import Entries
 from learner.execution.ticking import Leaves, Status
-from learner.model.tree import CONDITIONS, LEAVES, REFERENCE, SUBTREE, Node, Value
+from learner.model.tree import Node, Value
+from learner.model.vocabulary import CONDITIONS, LEAVES, QUERIES, REFERENCE, SUBTREE, outputs_of
+from storage.btcpp import written
 
 TO_CPP = {
     Status.RUNNING: behaviortreepy.NodeStatus.RUNNING,
@@ -55,12 +59,15 @@ class CppTicker:
         top = ElementTree.fromstring(xml or document(root))
         trees = {str(tree.get("ID")): tree[0] for tree in top.iter("BehaviorTree")}
         elements = list(_expanded(trees[str(top.get("main_tree_to_execute"))], trees))
-        written = {uid: element for uid, element in enumerate(elements, start=1) if element.tag in LEAVES}
+        found = {uid: element for uid, element in enumerate(elements, start=1) if element.tag in LEAVES}
         meant = leaves(root)
-        assert [element.tag for element in written.values()] == [node.kind for node in meant]
-        self._leaves = dict(zip(written, meant, strict=True))
-        self._ports = {uid: dict(element.attrib) for uid, element in written.items()}
+        assert [element.tag for element in found.values()] == [node.kind for node in meant]
+        self._leaves = dict(zip(found, meant, strict=True))
+        self._entries = Entries()
+        self._bound = {uid: self._entries.bound(node) for uid, node in self._leaves.items()}
+        self._ports = {uid: dict(element.attrib) for uid, element in found.items()}
         self._world = world
+        self._running: dict[int, Node] = {}
         self._factory = behaviortreepy.BehaviorTreeFactory()
         self._factory.register_simple_condition("BareCondition", self._check)
         self._factory.register_simple_stateful_action(
@@ -77,17 +84,46 @@ class CppTicker:
         self._tree.halt_tree()
 
     def _check(self, cpp_node: behaviortreepy.TreeNode) -> behaviortreepy.NodeStatus:
-        return TO_CPP[Status.SUCCESS if self._world.check(self._leaf(cpp_node)) else Status.FAILURE]
+        leaf, bound = self._leaves[cpp_node.uid()], self._leaf(cpp_node)
+        if bound is None:
+            return TO_CPP[Status.FAILURE]
+        if leaf.kind in QUERIES:
+            return self._find(cpp_node, leaf, bound)
+        return TO_CPP[Status.SUCCESS if self._world.check(bound) else Status.FAILURE]
+
+    def _find(self, cpp_node: behaviortreepy.TreeNode, leaf: Node, bound: Node) -> behaviortreepy.NodeStatus:
+        found = self._world.find(bound)
+        if found is None:
+            return TO_CPP[Status.FAILURE]
+        self._entries.write(leaf, found)
+        for port in outputs_of(leaf.kind):
+            reference = REFERENCE.fullmatch(self._ports[cpp_node.uid()][port])
+            assert reference
+            cpp_node.config().blackboard.set_string(reference[1], written(found[port]))
+        return TO_CPP[Status.SUCCESS]
 
     def _tick_action(self, cpp_node: behaviortreepy.TreeNode) -> behaviortreepy.NodeStatus:
-        return TO_CPP[self._world.tick_action(self._leaf(cpp_node))]
+        uid = cpp_node.uid()
+        bound = self._running.pop(uid, None) or self._leaf(cpp_node)
+        if bound is None:
+            return TO_CPP[Status.FAILURE]
+        status = self._world.tick_action(bound)
+        if status is Status.RUNNING:
+            self._running[uid] = bound
+        return TO_CPP[status]
 
     def _halt_action(self, cpp_node: behaviortreepy.TreeNode) -> None:
-        self._world.halt_action(self._leaf(cpp_node))
+        self._world.halt_action(self._running.pop(cpp_node.uid()))
 
-    def _leaf(self, cpp_node: behaviortreepy.TreeNode) -> Node:
-        node, ports = self._leaves[cpp_node.uid()], self._ports[cpp_node.uid()]
-        for name, text in ports.items():
+    def _leaf(self, cpp_node: behaviortreepy.TreeNode) -> Node | None:
+        """The leaf as C++ sees its ports; None while it reads what nobody has written."""
+        uid = cpp_node.uid()
+        node = self._bound[uid]()
+        if node is None:
+            return None
+        for name, text in self._ports[uid].items():
+            if name in outputs_of(node.kind):
+                continue
             reference = REFERENCE.fullmatch(text)
             seen = cpp_node.config().blackboard.get_string(reference[1]) if reference else text
             assert _same(seen, node.port(name)), f"{node.kind} {name}: C++ sees {seen!r}, we {node.port(name)!r}"

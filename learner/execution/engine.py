@@ -23,8 +23,10 @@ from py_trees.composites import Selector, Sequence
 from py_trees.decorators import FailureIsSuccess, Inverter, SuccessIsFailure
 
 from learner.errors import TreeError
+from learner.execution.entries import Entries
 from learner.execution.ticking import Leaves, Status
-from learner.model.tree import ACTIONS, CONDITIONS, Node
+from learner.model.tree import Node
+from learner.model.vocabulary import ACTIONS, CONDITIONS, QUERIES
 
 TO_PY_TREES: Final = {
     Status.RUNNING: PyTreesStatus.RUNNING,
@@ -48,7 +50,7 @@ class Engine:
     """A flattened tree bound to its leaves, ticked by py_trees. Raises TreeError as the Ticker does."""
 
     def __init__(self, root: Node, world: Leaves) -> None:
-        self.root = _behaviour(root, world)
+        self.root = _behaviour(root, world, Entries())
 
     def tick(self) -> Status:
         """Tick once; the status of the root."""
@@ -63,34 +65,60 @@ class Engine:
 class ConditionLeaf(Behaviour):
     """A condition: SUCCESS if the world says that it holds, else FAILURE."""
 
-    def __init__(self, node: Node, world: Leaves) -> None:
+    def __init__(self, node: Node, world: Leaves, entries: Entries) -> None:
         super().__init__(node.kind)
-        self.node, self.world = node, world
+        self.node, self.world, self.bound = node, world, entries.bound(node)
 
     def update(self) -> PyTreesStatus:
-        return PyTreesStatus.SUCCESS if self.world.check(self.node) else PyTreesStatus.FAILURE
+        filled = self.bound()
+        return PyTreesStatus.SUCCESS if filled is not None and self.world.check(filled) else PyTreesStatus.FAILURE
+
+
+class QueryLeaf(Behaviour):
+    """A query: SUCCESS if the world finds something, which is written to its entries, else FAILURE."""
+
+    def __init__(self, node: Node, world: Leaves, entries: Entries) -> None:
+        super().__init__(node.kind)
+        self.node, self.world, self.entries, self.bound = node, world, entries, entries.bound(node)
+
+    def update(self) -> PyTreesStatus:
+        filled = self.bound()
+        found = None if filled is None else self.world.find(filled)
+        if found is None:
+            return PyTreesStatus.FAILURE
+        self.entries.write(self.node, found)
+        return PyTreesStatus.SUCCESS
 
 
 class ActionLeaf(Behaviour):
-    """An action: it is halted only if it was RUNNING."""
+    """An action: it is halted only if it was RUNNING, and keeps its ports from its start until its end."""
 
-    def __init__(self, node: Node, world: Leaves) -> None:
+    def __init__(self, node: Node, world: Leaves, entries: Entries) -> None:
         super().__init__(node.kind)
-        self.node, self.world = node, world
+        self.node, self.world, self.bound = node, world, entries.bound(node)
+        self.running: Node | None = None
 
     def update(self) -> PyTreesStatus:
-        return TO_PY_TREES[self.world.tick_action(self.node)]
+        filled, self.running = self.running or self.bound(), None
+        if filled is None:
+            return PyTreesStatus.FAILURE
+        status = self.world.tick_action(filled)
+        self.running = filled if status is Status.RUNNING else None
+        return TO_PY_TREES[status]
 
     def terminate(self, new_status: PyTreesStatus) -> None:
-        if self.status is PyTreesStatus.RUNNING and new_status is PyTreesStatus.INVALID:
-            self.world.halt_action(self.node)
+        if self.running is not None and new_status is PyTreesStatus.INVALID:
+            halted, self.running = self.running, None
+            self.world.halt_action(halted)
 
 
-def _behaviour(node: Node, world: Leaves) -> Behaviour:
+def _behaviour(node: Node, world: Leaves, entries: Entries) -> Behaviour:
+    if node.kind in QUERIES:
+        return QueryLeaf(node, world, entries)
     if node.kind in CONDITIONS:
-        return ConditionLeaf(node, world)
+        return ConditionLeaf(node, world, entries)
     if node.kind in ACTIONS:
-        return ActionLeaf(node, world)
+        return ActionLeaf(node, world, entries)
     if node.kind not in COMPOSITES:
         raise TreeError(f"{node.kind} {node.id or ''} cannot be ticked: flatten the tree first")
-    return COMPOSITES[node.kind]([_behaviour(child, world) for child in node.children])
+    return COMPOSITES[node.kind]([_behaviour(child, world, entries) for child in node.children])

@@ -23,13 +23,15 @@ from learner.model.condition import (
     ObjectPosedAt,
     ObjectRoughlyAt,
 )
-from learner.model.frame import objects_of, pose_of
-from learner.model.holding import Grasp, Sighting, Sizes, grasped
+from learner.model.frame import START, objects_of, pose_of
+from learner.model.holding import Grasp, Sighting, grasped
 from learner.model.names import NONE
-from learner.model.pose import Pose, Vector, rotated
-from learner.model.scene import Symmetry
-from learner.model.tree import Node
+from learner.model.pose import Pose
+from learner.model.query import CountAt, Query, SetSignal, SignalIs
+from learner.model.tree import Node, Value
 from learner.model.turning import turned_rad
+from learner.relations import answering
+from learner.relations.answering import Answering, Signal
 
 UNSEEN_NS: Final = 10_000_000_000
 """A condition on an object unseen for this long fails [ns] (CONTRACT, 3)."""
@@ -41,11 +43,23 @@ FOREVER_NS: Final = -1
 """The moment of closing of a gripper that has been closed since before anything was heard of it."""
 
 
-def condition_of(node: Node) -> Condition:
+Checked = Condition | SignalIs | CountAt
+"""What holds or not."""
+
+
+def condition_of(node: Node) -> Checked:
     """The condition that a leaf of a flattened tree checks. Raises TreeError for any other node."""
     word = node.word
-    if isinstance(word, Motion | SetGripper):
-        raise TreeError(f"{node.kind} is no condition")
+    if isinstance(word, Motion | SetGripper | SetSignal | Query):
+        raise TreeError(f"{node.kind} is no condition that holds or not")
+    return word
+
+
+def query_of(node: Node) -> Query:
+    """What a leaf of a flattened tree looks for. Raises TreeError for any other node."""
+    word = node.word
+    if not isinstance(word, Query):
+        raise TreeError(f"{node.kind} looks for nothing")
     return word
 
 
@@ -69,21 +83,19 @@ class CellState:
     """The last seen state of a cell, and which conditions hold in it.
 
     What is held follows from the gripper's samples and the poses alone: when the gripper turns from open to closed,
-    the object with the nearest body within 5 cm is grasped (`learner.model.holding`; `sizes` are the scene's), and held
-    until the gripper opens, but not while it is seen elsewhere than the gripper carries it. One that the hand hides is
-    still held. Where the first sample already says closed, the poses at the first question decide.
+    the object with the nearest body within 5 cm is grasped (`learner.model.holding`), and held until the gripper opens,
+    but not while it is seen elsewhere than the gripper carries it. One that the hand hides is still held. Where the
+    first sample already says closed, the poses at the first question decide.
     """
 
-    def __init__(
-        self,
-        base_frame: str,
-        end_effector_frame: str,
-        sizes: Sizes | None = None,
-        symmetries: Mapping[str, Symmetry] | None = None,
-    ) -> None:
-        self.base_frame, self.end_effector_frame, self.sizes = base_frame, end_effector_frame, sizes or {}
-        self.symmetries = symmetries or {}
-        """Which turns of each object look the same; of one that is not named, none."""
+    def __init__(self, base_frame: str, end_effector_frame: str, answering: Answering | None = None) -> None:
+        """`answering` answers the questions of vocabulary 2, and has the scene; without it objects are points."""
+        self.base_frame, self.end_effector_frame = base_frame, end_effector_frame
+        self.answering = answering or Answering()
+        self.signals: dict[str, Signal] = {}
+        """What machines say, by signal."""
+        self._signals_ns: dict[str, int] = {}
+        self._begun: Mapping[str, Pose] | None = None
         self.now_ns = 0
         """The newest stamp of any pose [ns]; 0 before the first."""
         self.gripper: GripperState | None = None
@@ -132,6 +144,15 @@ class CellState:
             self._closed_ns = stamp_ns if before == "open" else FOREVER_NS
             self._decide_grasp()
 
+    def update_signal(self, name: str, stamp_ns: int, value: Signal) -> None:
+        """Take what a machine says; what is older than its last changes nothing."""
+        if stamp_ns >= self._signals_ns.get(name, stamp_ns):
+            self.signals[name], self._signals_ns[name] = value, stamp_ns
+
+    def begin(self) -> None:
+        """The run begins: frames `A@start` are from now on where A is seen now."""
+        self._begun = self.poses()
+
     @property
     def held(self) -> str | None:
         """The object in the gripper, whatever is frozen; None for none."""
@@ -152,9 +173,11 @@ class CellState:
         """The last seen pose of an object, a frame or the end-effector in the base; None if it was never seen."""
         if name == self.base_frame:
             return Pose((0.0, 0.0, 0.0))
+        if name.endswith(START) and self._begun is not None:
+            return self._begun.get(name.removesuffix(START))
         if not set(objects_of(name)) <= self._seen.keys():
             return None
-        return pose_of(name, lambda each: self._seen[each].pose)
+        return pose_of(name.removesuffix(START), lambda each: self._seen[each].pose)
 
     def poses(self) -> dict[str, Pose]:
         """The last seen pose of everything, by name."""
@@ -164,11 +187,13 @@ class CellState:
         """Whether nothing was seen of `name`, or of what a frame goes by, for 10 s or ever. The base is always seen."""
         if name == self.base_frame:
             return False
+        if name.endswith(START) and self._begun is not None:
+            return name.removesuffix(START) not in self._begun
         return any(
             each not in self._seen or self.now_ns - self._seen[each].stamp_ns >= UNSEEN_NS for each in objects_of(name)
         )
 
-    def holds(self, condition: Condition) -> bool:
+    def holds(self, condition: Checked) -> bool:
         """Whether a condition holds now (CONTRACT, section 3).
 
         It fails if its object, or the object that is its frame, was unseen for 10 s; a condition on the gripper alone
@@ -185,6 +210,27 @@ class CellState:
                 return near and self._is_turned(condition)
             case ObjectRoughlyAt():
                 return condition.object != held and self._is_near(condition, vertical=False)
+            case SignalIs() | CountAt():
+                return self.answering.holds(condition, self._answered())
+
+    def find(self, query: Query) -> Mapping[str, Value] | None:
+        """What a query finds now, by its output ports; None if it fails (CONTRACT, section 3)."""
+        return self.answering.find(query, self._answered())
+
+    def pick_failed(self, name: str, grasp: Pose) -> None:
+        """A Pick of an object has failed with the end-effector at `grasp` in the object's frame."""
+        if (at := self.pose(name)) is not None:
+            self.answering.grasping.failed(name, at, grasp)
+
+    def _answered(self) -> answering.Seen:
+        """What queries are answered by: what was seen lately."""
+        _, held = self._frozen or (self.gripper, self.held)
+        objects = {name: seen.pose for name, seen in self._seen.items() if not self.unseen(name)}
+        hand = objects.pop(self.end_effector_frame, None)
+        return answering.Seen(objects, hand, held, self._frame, self.signals)
+
+    def _frame(self, name: str) -> Pose | None:
+        return None if self.unseen(name) else self.pose(name)
 
     def _in_gripper(self, name: str, held: str | None) -> bool:
         return held is None if name == NONE else held == name and not self.unseen(name)
@@ -192,7 +238,9 @@ class CellState:
     def _is_near(self, condition: ObjectAt | ObjectRoughlyAt, *, vertical: bool) -> bool:
         if self.unseen(condition.object) or self.unseen(condition.frame):
             return False
-        x, y, z = self._in_base(condition.position, condition.frame)
+        frame = self.pose(condition.frame)
+        assert frame is not None  # it was seen
+        x, y, z = frame.apply(condition.position)
         at = self._seen[condition.object].pose.position
         distance = math.hypot(at[0] - x, at[1] - y, at[2] - z if vertical else 0.0)
         return distance <= condition.radius
@@ -203,15 +251,9 @@ class CellState:
         frame, pose = self.pose(condition.frame), self._seen[condition.object].pose
         assert frame is not None  # it is near a place in it
         inside = (frame.inverse() @ pose).quaternion_xyzw
-        symmetry = self.symmetries.get(condition.object, "none")
+        shape = self.answering.scene.objects.get(condition.object)
+        symmetry = shape.symmetry if shape else "none"
         return turned_rad(inside, condition.orientation, symmetry) <= condition.angle
-
-    def _in_base(self, position: Vector, frame: str) -> Vector:
-        if frame == self.base_frame:
-            return position
-        pose = pose_of(frame, lambda name: self._seen[name].pose)
-        x, y, z = rotated(pose.quaternion_xyzw, position)
-        return (x + pose.position[0], y + pose.position[1], z + pose.position[2])
 
     @property
     def _hand(self) -> deque[Seen]:
@@ -243,7 +285,7 @@ class CellState:
 
     def _grasped(self, hand: Seen, objects: Iterable[str]) -> Grasp | None:
         seen = {name: _sighting(_at(self._tracks[name], hand.stamp_ns)) for name in objects}
-        return grasped(hand.sighting, seen, self.sizes)
+        return grasped(hand.sighting, seen, self.answering.scene.sizes)
 
     def _follow(self) -> None:
         """Judge what was seen of the grasped object, as soon as the hand was seen at that moment or later."""

@@ -22,7 +22,9 @@ from enum import Enum
 from typing import Final, Protocol
 
 from learner.errors import TreeError
-from learner.model.tree import ACTIONS, CONDITIONS, DECORATORS, FALLBACKS, SEQUENCES, Node
+from learner.execution.entries import Entries, Found
+from learner.model.tree import Node
+from learner.model.vocabulary import ACTIONS, CONDITIONS, DECORATORS, FALLBACKS, QUERIES, SEQUENCES
 
 
 class Status(Enum):
@@ -41,6 +43,10 @@ class Leaves(Protocol):
 
     def check(self, node: Node) -> bool:
         """Whether the condition `node` holds."""
+        ...
+
+    def find(self, node: Node) -> Found | None:
+        """What the query `node` finds, by its output ports; None if it fails."""
         ...
 
     def tick_action(self, node: Node) -> Status:
@@ -78,15 +84,17 @@ class Ticker:
         """Tick once; the status of the root."""
         self.halt: Halt
         """Halt the leaf that runs, if one does; the next tick begins anew."""
-        self.tick, self.halt = _compile(root, world)
+        self.tick, self.halt = _compile(root, world, Entries())
 
 
-def _compile(node: Node, world: Leaves) -> Compiled:
+def _compile(node: Node, world: Leaves, entries: Entries) -> Compiled:
+    if node.kind in QUERIES:
+        return _query(node, world, entries), _nothing
     if node.kind in CONDITIONS:
-        return _condition(node, world)
+        return _condition(node, world, entries), _nothing
     if node.kind in ACTIONS:
-        return _action(node, world)
-    children = [_compile(child, world) for child in node.children]
+        return _action(node, world, entries)
+    children = [_compile(child, world, entries) for child in node.children]
     if node.kind in DECORATORS:
         return _decorator(node.kind, *children)
     if node.kind not in (*SEQUENCES, *FALLBACKS):
@@ -96,35 +104,52 @@ def _compile(node: Node, world: Leaves) -> Compiled:
     return combine([tick for tick, _ in children], [halt for _, halt in children], passing)
 
 
-def _condition(node: Node, world: Leaves) -> Compiled:
-    check = world.check
+def _condition(node: Node, world: Leaves, entries: Entries) -> Tick:
+    check, bound = world.check, entries.bound(node)
 
     def tick() -> Status:
-        return _SUCCESS if check(node) else _FAILURE
+        filled = bound()
+        return _SUCCESS if filled is not None and check(filled) else _FAILURE
 
-    return tick, _nothing
+    return tick
+
+
+def _query(node: Node, world: Leaves, entries: Entries) -> Tick:
+    bound = entries.bound(node)
+
+    def tick() -> Status:
+        filled = bound()
+        found = None if filled is None else world.find(filled)
+        if found is None:
+            return _FAILURE
+        entries.write(node, found)
+        return _SUCCESS
+
+    return tick
 
 
 def _nothing() -> None:
     """Halting what cannot run."""
 
 
-def _action(node: Node, world: Leaves) -> Compiled:
-    tick_action, halt_action = world.tick_action, world.halt_action
-    running = False
+def _action(node: Node, world: Leaves, entries: Entries) -> Compiled:
+    tick_action, halt_action, bound = world.tick_action, world.halt_action, entries.bound(node)
+    running: Node | None = None
 
     def tick() -> Status:
         nonlocal running
-        running = False
-        status = tick_action(node)
-        running = status is _RUNNING
+        filled, running = running or bound(), None
+        if filled is None:
+            return _FAILURE
+        status = tick_action(filled)
+        running = filled if status is _RUNNING else None
         return status
 
     def halt() -> None:
         nonlocal running
-        if running:
-            running = False
-            halt_action(node)
+        if running is not None:
+            halted, running = running, None
+            halt_action(halted)
 
     return tick, halt
 

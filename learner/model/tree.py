@@ -10,48 +10,55 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from itertools import count
+from typing import Any, Final, cast
 
-from learner.errors import TreeError
+from learner.errors import ModelError, TreeError
 from learner.model.action import Action, Drop, Motion, Pick, Place, SetGripper
 from learner.model.condition import Condition, GripperIs, InGripper, ObjectAt, ObjectPosedAt, ObjectRoughlyAt
 from learner.model.frame import is_composed
 from learner.model.names import NONE
 from learner.model.pose import Pose
+from learner.model.query import (
+    CountAt,
+    FindGrasp,
+    FindHeld,
+    FindInTheWay,
+    FindObject,
+    FindSpot,
+    FindUnder,
+    FindUpon,
+    Query,
+    SetSignal,
+    SignalIs,
+    signal_of,
+    sites_of,
+)
+from learner.model.vocabulary import (
+    DECORATORS,
+    ENTRY,
+    FALLBACKS,
+    LEAVES,
+    LENGTHS,
+    RECOVERY_PREFIX,
+    REFERENCE,
+    SCALARS,
+    SECOND,
+    SEQUENCES,
+    SUBTREE,
+    outputs_of,
+    port_kind,
+)
 
 Value = str | float | tuple[float, ...]
-Word = Condition | Motion | SetGripper
+Word = Condition | SignalIs | CountAt | Query | Motion | SetGripper | SetSignal
 """What a leaf of a flattened tree says."""
 
 FORMAT: Final = "treewright.tree/1"
-POSE: Final = ("object", "frame", "position", "orientation")
-SPOT: Final = ("object", "frame", "position", "radius")
-CONDITIONS: Final[Mapping[str, tuple[str, ...]]] = {
-    "GripperIs": ("state",),
-    "InGripper": ("object",),
-    "ObjectAt": SPOT,
-    "ObjectPosedAt": (*SPOT, "orientation", "angle"),
-    "ObjectRoughlyAt": SPOT,
-}
-SECOND: Final = ("ObjectPosedAt",)
-"""The nodes of vocabulary 2."""
-ACTIONS: Final[Mapping[str, tuple[str, ...]]] = {
-    "Pick": POSE,
-    "Place": POSE,
-    "Drop": POSE,
-    "SetGripper": ("state",),
-}
-LEAVES: Final = {**CONDITIONS, **ACTIONS}
-SEQUENCES: Final = ("Sequence", "ReactiveSequence")
-FALLBACKS: Final = ("Fallback", "ReactiveFallback")
-DECORATORS: Final = ("Inverter", "ForceSuccess", "ForceFailure")
-SUBTREE: Final = "SubTree"
-RECOVERY_PREFIX: Final = "Recover_"
 IDENTIFIER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
-REFERENCE: Final = re.compile(r"\{([A-Za-z_][A-Za-z0-9_]*)\}", re.ASCII)
 MAX_DEPTH: Final = 250
 """BehaviorTree.CPP 4.10 refuses deeper nesting (CONTRACT, section 3: below 250)."""
 
@@ -97,27 +104,40 @@ class Node:
 
 
 def _word_of(node: Node) -> Word:
-    ports: dict[str, Any] = dict(node.ports)
+    ports: dict[str, Any] = {name: value for name, value in node.ports if name not in outputs_of(node.kind)}
     if node.kind not in LEAVES:
         raise TreeError(f"{node.kind} is no leaf")
-    if any(isinstance(value, str) and REFERENCE.fullmatch(value) for value in ports.values()):
+    if any(is_reference(value) for value in ports.values()):
         raise TreeError(f"{node.kind} refers to the ports of its SubTree: flatten the tree first")
-    match node.kind:
-        case "GripperIs":
-            return GripperIs(**ports)
-        case "InGripper":
-            return InGripper(**ports)
-        case "ObjectAt":
-            return ObjectAt(**ports)
-        case "ObjectPosedAt":
-            return ObjectPosedAt(**ports)
-        case "ObjectRoughlyAt":
-            return ObjectRoughlyAt(**ports)
-        case "SetGripper":
-            return SetGripper(**ports)
-        case "Pick" | "Place" | "Drop" as kind:
-            return Motion(kind, ports["object"], ports["frame"], Pose(ports["position"], ports["orientation"]))
-    raise TreeError(f"{node.kind} is no leaf")
+    if node.kind in MOTIONS:
+        pose = Pose(ports["position"], ports["orientation"])
+        return Motion(cast(Any, node.kind), ports["object"], ports["frame"], pose)
+    read = {name: _READ.get(name, _as_it_is)(value) for name, value in ports.items()}
+    try:
+        return _WORDS[node.kind](**read)
+    except ModelError as error:
+        raise TreeError(f"{node.kind}: {error}") from error
+
+
+def _as_it_is(value: Value) -> Value:
+    return value
+
+
+MOTIONS: Final = ("Pick", "Place", "Drop")
+_READ: Final[Mapping[str, Callable[[Any], Any]]] = {"at": sites_of, "not_at": sites_of, "count": int}
+"""How the text of a port becomes a value of its word, where it is not taken as it is."""
+_WORDS: Final[Mapping[str, Callable[..., Word]]] = {
+    kind.__name__: kind
+    for kind in (
+        GripperIs, InGripper, ObjectAt, ObjectPosedAt, ObjectRoughlyAt, SetGripper, SignalIs, SetSignal, CountAt,
+        FindObject, FindUpon, FindUnder, FindInTheWay, FindHeld, FindSpot, FindGrasp,
+    )
+}  # fmt: skip
+
+
+def is_reference(value: Value) -> bool:
+    """Whether a port's value refers to a port or an entry, of a SubTree or of a flattened tree."""
+    return isinstance(value, str) and bool(REFERENCE.fullmatch(value) or ENTRY.fullmatch(value))
 
 
 def leaf(word: Condition | Action) -> Node:
@@ -144,6 +164,11 @@ def leaf(word: Condition | Action) -> Node:
                 "orientation": word.orientation,
             }
     return Node(type(word).__name__, tuple(sorted(values.items())))
+
+
+def asked(kind: str, **ports: Value) -> Node:
+    """A leaf of vocabulary 2 by its ports, output ports included: references, or values as they are written."""
+    return Node(kind, tuple(sorted(ports.items())))
 
 
 def sequence(*children: Node, reactive: bool = True) -> Node:
@@ -215,11 +240,11 @@ class Tree:
 
     @cached_property
     def _whole(self) -> Node:
-        return _flatten(self.main.root, self.definitions, {}, recovery=True)
+        return _Flattening(self.definitions, recovery=True).root(self.main)
 
     @cached_property
     def _nominal(self) -> Node:
-        return _flatten(self.main.root, self.definitions, {}, recovery=False)
+        return _Flattening(self.definitions, recovery=False).root(self.main)
 
     @property
     def nodes(self) -> int:
@@ -242,18 +267,31 @@ class Tree:
 
     def frames(self) -> frozenset[str]:
         """Every frame that a leaf names."""
-        return self._named("frame")
+        sites = [*self._named("at"), *self._named("not_at")]
+        return self._named("frame") | {site.frame for text in sites for site in sites_of(text)}
+
+    def kinds(self) -> frozenset[str]:
+        """Every kind of objects that a leaf names."""
+        return self._named("kind")
+
+    def signals(self) -> frozenset[str]:
+        """Every signal that a leaf names."""
+        return self._named("signal")
+
+    @property
+    def leaves(self) -> frozenset[str]:
+        """The kinds of leaves that the tree has."""
+        written = (node.kind for definition in self.definitions.values() for node in definition.root.walk())
+        return frozenset(written) & LEAVES.keys()
 
     @property
     def vocabulary(self) -> int:
         """The least vocabulary of CONTRACT, section 3, that a world must know to run this tree."""
-        written = (node for definition in self.definitions.values() for node in definition.root.walk())
-        posed = any(node.kind in SECOND for node in written)
-        return 2 if posed or any(is_composed(frame) for frame in self.frames()) else 1
+        return 2 if self.leaves & SECOND or any(is_composed(frame) for frame in self.frames()) else 1
 
     def _named(self, port: str) -> frozenset[str]:
         values = (value for node in self.flattened().walk() for name, value in node.ports if name == port)
-        return frozenset(map(str, values))
+        return frozenset(str(value) for value in values if not is_reference(value))
 
     def to_json(self) -> str:
         """Canonical JSON: keys sorted, no spaces, numbers as Python's shortest form. Equal trees, equal bytes."""
@@ -282,12 +320,22 @@ class Tree:
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
 
-def _flatten(node: Node, definitions: Mapping[str, Definition], values: Mapping[str, Value], recovery: bool) -> Node:
-    ports = tuple((name, _resolve(value, values)) for name, value in node.ports)
-    if node.kind == SUBTREE:
-        return _flatten(definitions[str(node.id)].root, definitions, dict(ports), recovery)
-    kept = [child for child in node.children if recovery or not is_recovery(child)]
-    return Node(node.kind, ports, tuple(_flatten(child, definitions, values, recovery) for child in kept))
+class _Flattening:
+    """Puts the root of each SubTree in the place of its uses, numbered, so that entries of each use are its own."""
+
+    def __init__(self, definitions: Mapping[str, Definition], recovery: bool) -> None:
+        self.definitions, self.recovery, self.uses = definitions, recovery, count()
+
+    def root(self, definition: Definition, values: Mapping[str, Value] | None = None) -> Node:
+        """The root of one use of a definition, its ports filled in with `values`."""
+        return self._node(definition.root, values or {}, next(self.uses))
+
+    def _node(self, node: Node, values: Mapping[str, Value], use: int) -> Node:
+        ports = tuple((name, _resolve(value, values, use)) for name, value in node.ports)
+        if node.kind == SUBTREE:
+            return self.root(self.definitions[str(node.id)], dict(ports))
+        kept = [child for child in node.children if self.recovery or not is_recovery(child)]
+        return Node(node.kind, ports, tuple(self._node(child, values, use) for child in kept))
 
 
 def is_recovery(node: Node) -> bool:
@@ -295,9 +343,11 @@ def is_recovery(node: Node) -> bool:
     return node.kind == SUBTREE and str(node.id).startswith(RECOVERY_PREFIX)
 
 
-def _resolve(value: Value, values: Mapping[str, Value]) -> Value:
+def _resolve(value: Value, values: Mapping[str, Value], use: int) -> Value:
     reference = REFERENCE.fullmatch(value) if isinstance(value, str) else None
-    return values[reference[1]] if reference else value
+    if not reference:
+        return value
+    return values.get(reference[1], f"{{{reference[1]}.{use}}}")
 
 
 def _check(tree: Tree) -> None:
@@ -310,9 +360,7 @@ def _check(tree: Tree) -> None:
             _check_node(node, definition, tree.definitions)
     _check_cycles(tree.main, tree.definitions, ())
     flat = tree.flattened()
-    for node in flat.walk():
-        for name, value in node.ports:  # what came through the port of a SubTree was not seen before
-            _check_value(node, name, value)
+    _check_entries(flat)
     depth = flat.depth
     if depth >= MAX_DEPTH:
         raise TreeError(f"the tree {tree.main.id} nests {depth} levels deep; BehaviorTree.CPP admits {MAX_DEPTH - 1}")
@@ -323,10 +371,7 @@ def _check_node(node: Node, definition: Definition, definitions: Mapping[str, De
     if sorted(ports) != sorted(wanted):
         raise TreeError(f"{node.kind} {node.id or ''} in {definition.id} has the ports {ports}, not {list(wanted)}")
     for name, value in node.ports:
-        reference = REFERENCE.fullmatch(value) if isinstance(value, str) else None
-        if reference and reference[1] not in definition.ports:
-            raise TreeError(f"{node.kind} in {definition.id} refers to {value}, which is no port of it")
-        if not reference:
+        if not is_reference(value):
             _check_value(node, name, value)
     children = len(node.children)
     if node.kind in LEAVES or node.kind == SUBTREE:
@@ -337,18 +382,69 @@ def _check_node(node: Node, definition: Definition, definitions: Mapping[str, De
         raise TreeError(f"{node.kind} in {definition.id} cannot have {children} children")
 
 
+def _check_entries(flat: Node) -> None:
+    """Every entry is written by an earlier leaf than those that read it, and holds one kind of value."""
+    kinds: dict[Value, str] = {}
+    for node in flat.walk():
+        for name, value in node.ports:  # what came through the port of a SubTree was not seen before
+            if name in outputs_of(node.kind):
+                continue
+            if not is_reference(value):
+                _check_value(node, name, value)
+            elif kinds.get(value) != port_kind(name):
+                raise TreeError(f"{node.kind} has {name} = {_shown(value)}, {_instead(kinds.get(value))}")
+        for name in outputs_of(node.kind):
+            value = node.port(name)
+            if not is_reference(value):
+                raise TreeError(f"{node.kind} writes its {name}, which cannot be {value!r}")
+            if kinds.setdefault(value, port_kind(name)) != port_kind(name):
+                raise TreeError(f"{node.kind} writes a {port_kind(name)} to {_shown(value)}, a {kinds[value]}")
+
+
+def _shown(value: Value) -> str:
+    return re.sub(r"\.[0-9]+}", "}", str(value))
+
+
+def _instead(kind: str | None) -> str:
+    return "which is no port and was not written before" if kind is None else f"which is a {kind}"
+
+
 def _check_value(node: Node, name: str, value: Value) -> None:
-    lengths = {"position": 3, "orientation": 4}
-    if name in lengths:
-        fits = isinstance(value, tuple) and len(value) == lengths[name] and all(map(math.isfinite, value))
-    elif name in ("radius", "angle"):
+    if name in LENGTHS:
+        fits = isinstance(value, tuple) and len(value) == LENGTHS[name] and all(map(math.isfinite, value))
+    elif name in SCALARS:
         fits = isinstance(value, float) and 0 < value < math.inf
+    elif name in TEXTS and node.kind in LEAVES:
+        fits = isinstance(value, str) and _is_read(TEXTS[name], value)
     elif name == "state":
         fits = value in ("open", "closed")
     else:
         fits = isinstance(value, str) or node.kind == SUBTREE
     if not fits:
         raise TreeError(f"{node.kind} cannot have {name} = {value!r}")
+
+
+def _is_read(read: Callable[[str], Any], text: str) -> bool:
+    try:
+        read(text)
+    except ModelError:
+        return False
+    return True
+
+
+def _count_of(text: str) -> int:
+    if not (text.isascii() and text.isdigit()):
+        raise ModelError(f"a count is a whole number, not {text!r}")
+    return int(text)
+
+
+TEXTS: Final[Mapping[str, Callable[[str], Any]]] = {
+    "at": sites_of,
+    "not_at": sites_of,
+    "count": _count_of,
+    "value": signal_of,
+}
+"""Ports that hold text with a form, and what reads it."""
 
 
 def _ports_of(node: Node, definitions: Mapping[str, Definition]) -> tuple[str, ...]:

@@ -14,7 +14,8 @@ from learner.inference.targets import Target
 from learner.model import Definition, Node, ObjectAt
 from learner.model.condition import PLACE_RADIUS_M
 from learner.model.pose import Vector
-from learner.model.tree import RECOVERY_PREFIX, first_of, guarded, subtree
+from learner.model.tree import first_of, guarded, subtree
+from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.obstacles import Obstacles
 from learner.planning.rounding import rounded, rounded_vector
 

@@ -11,7 +11,8 @@ import numpy as np
 from learner.model import Definition, Demonstration, Node, ObjectShape, Pick, Pose
 from learner.model.names import distinct_identifiers
 from learner.model.pose import Array, conjugate, rotate
-from learner.model.tree import RECOVERY_PREFIX, first_of, leaf, subtree
+from learner.model.tree import first_of, leaf, subtree
+from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.actions import LearnedActions
 from learner.planning.grasps import Upright, borrowed_grasp, quarter_turned
 from learner.planning.parameters import RecoveryParameters

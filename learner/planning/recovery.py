@@ -17,7 +17,8 @@ from learner.inference.goals import Subgoal
 from learner.inference.targets import Target
 from learner.model import Condition, Definition, Demonstration, GripperIs, InGripper, Node
 from learner.model.pose import cross
-from learner.model.tree import RECOVERY_PREFIX, fallback, first_of, guarded, leaf, negated, sequence
+from learner.model.tree import fallback, first_of, guarded, leaf, negated, sequence
+from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.actions import LearnedActions
 from learner.planning.covers import Cover, Covers
 from learner.planning.obstacles import Obstacles

@@ -12,7 +12,8 @@ from learner.inference.targets import Target
 from learner.model import Definition, GripperIs, InGripper, Node, ObjectRoughlyAt, Place, Pose, SetGripper
 from learner.model.condition import DROP_RADIUS_M
 from learner.model.pose import Array
-from learner.model.tree import RECOVERY_PREFIX, Value, fallback, first_of, guarded, leaf, negated, sequence, subtree
+from learner.model.tree import Value, fallback, first_of, guarded, leaf, negated, sequence, subtree
+from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.obstacles import Obstacles
 from learner.planning.rounding import rounded_pose, rounded_vector
 

@@ -19,7 +19,8 @@ from dataclasses import replace
 from learner.inference.goals import Group, Subgoal
 from learner.model import Definition, Demonstration, Drop, GripperIs, Node, Place, SetGripper, Tree
 from learner.model.names import NODES, identifier
-from learner.model.tree import RECOVERY_PREFIX, Value, fallback, is_recovery, leaf, sequence, subtree
+from learner.model.tree import Value, fallback, is_recovery, leaf, sequence, subtree
+from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.actions import LearnedActions
 from learner.planning.recovery import Recovery
 

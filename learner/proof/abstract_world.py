@@ -118,7 +118,7 @@ class AbstractWorld:
         leaves = list(dict.fromkeys(node for root in roots for node in root.walk() if not node.children))
         words = [node.word for node in leaves]
         self.grasps = {w.object: w.pose for w in words if isinstance(w, Motion) and w.type == "Pick"}
-        self.objects = sorted({w.object for w in words if not isinstance(w, GripperIs | SetGripper)} - {NONE})
+        self.objects = sorted({w.object for w in words if isinstance(w, Motion | Spoken | InGripper)} - {NONE})
         asked = {w.frame for w in words if isinstance(w, Motion | Spoken)}
         self.frames = [*self.objects, base_frame, *sorted(asked - {*self.objects, base_frame})]
         self.index = {name: number for number, name in enumerate(self.frames)}

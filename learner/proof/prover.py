@@ -18,8 +18,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from learner.model import GripperIs, Node, SetGripper, Tree
-from learner.model.tree import ACTIONS, CONDITIONS, FALLBACKS, SEQUENCES
+from learner.model import Node, SetGripper, Tree
+from learner.model.vocabulary import ACTIONS, CONDITIONS, FALLBACKS, SEQUENCES
 from learner.proof.abstract_world import FIRST_LOCATION, AbstractWorld, Bools, Ints, Location, States
 from learner.proof.parameters import ProofParameters
 
@@ -359,5 +359,5 @@ def _location(locations: Sequence[Location], number: int) -> str:
 
 
 def _word(node: Node) -> str:
-    word = node.word
-    return f"{node.kind} {word.state if isinstance(word, GripperIs | SetGripper) else word.object}"
+    ports = dict(node.ports)
+    return f"{node.kind} {ports.get('object', ports.get('state', ports.get('signal', '')))}"

@@ -19,6 +19,7 @@ from learner.rehearsal.goal import Goal
 from learner.rehearsal.rehearsal import Actor, RolloutResult, judged
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.stage import Stage, Start
+from learner.relations.grasping import Grasp
 
 STEPS_PER_ACTION: Final = 45
 """An action takes the arm about this many periods."""
@@ -61,7 +62,7 @@ class Replay:
         }
 
 
-def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
+def replay(tree: Tree, stage: Stage, goals: Goals, grasps: Sequence[Grasp] = ()) -> Replay:
     """Run a tree from the first demonstrations' starts that the arm can do."""
     if stage.points:
         return Replay(reason="no demonstration tells the shapes of all objects")
@@ -73,7 +74,7 @@ def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
     roomy = sorted(range(len(stage.starts)), key=lambda n: not _roomy(stage, stage.starts[n], here))
     shifted = ((number, _within_reach(stage, stage.starts[number], goals)) for number in roomy)
     stages = ((number, moved) for number, moved in shifted if moved is not None)
-    runs = (_run(tree, moved, number, goals(moved)) for number, moved in stages)
+    runs = (_run(tree, moved, number, goals(moved), grasps) for number, moved in stages)
     results = list(islice(runs, count))
     while len(results) < numbers.tries and not any(result.done for result in results) and (more := next(runs, None)):
         results.append(more)
@@ -81,15 +82,18 @@ def replay(tree: Tree, stage: Stage, goals: Goals) -> Replay:
     return Replay(tuple(results), reason)
 
 
-def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal]) -> RolloutResult:
+def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal], grasps: Sequence[Grasp]) -> RolloutResult:
     from learner.simulation.physical_world import PhysicalWorld  # loads pybullet
 
     start, rng = stage.starts[number], np.random.default_rng([2, number])
     rollout = Rollout(start.demonstration_id, start.spots, "replay")
+    root = stage.root(tree.flattened())
+    actor = Actor(root, stage.knowledge(root, grasps))
     with PhysicalWorld(
-        stage.bodies, start.spots, rng, base_frame=stage.base, sizes=stage.sizes, end_effector=stage.end_effector
-    ) as world:
-        ticker = Actor(stage.root(tree.flattened())).enter(world)
+        stage.bodies, start.spots, rng, base_frame=stage.base, sizes=stage.sizes, end_effector=stage.end_effector,
+        knowledge=actor.knowledge,
+    ) as world:  # fmt: skip
+        ticker = actor.enter(world)
         judgement = judged(rollout, world, ticker, goals, rng, stage.parameters.judging, STEPS_PER_ACTION)
         return RolloutResult(rollout, judgement, world)
 

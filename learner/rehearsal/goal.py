@@ -11,9 +11,10 @@ from learner.inference.targets import Target
 from learner.model import Drop, ObjectAt, Place, Pose
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, ObjectPosedAt, ObjectRoughlyAt
 from learner.model.turning import turned_rad
+from learner.model.upright import Spot
 from learner.rehearsal.stage import Stage
 from learner.simulation.arena import Arena
-from learner.simulation.gravity import Spot, Table
+from learner.simulation.gravity import Table
 
 Relation = ObjectAt | ObjectRoughlyAt
 

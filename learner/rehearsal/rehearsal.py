@@ -15,13 +15,17 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from learner.execution.entries import Found
 from learner.execution.ticking import Leaves, Status, Ticker
 from learner.model import Node, Tree
+from learner.model.tree import is_reference
 from learner.rehearsal.goal import Goal
 from learner.rehearsal.parameters import JudgingParameters
 from learner.rehearsal.rollouts import STEPS_PER_ACTION, Rollout, rollouts
 from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
+from learner.relations.grasping import Grasp
+from learner.relations.knowledge import UNKNOWING, Knowledge
 from learner.simulation.arena import Arena
 from learner.simulation.failure import Failure
 from learner.simulation.kinematic_world import PERIOD_S
@@ -113,22 +117,28 @@ def _done(results: Sequence[RolloutResult]) -> Share:
     return Share(sum(result.done for result in results), len(results))
 
 
-def rehearse(tree: Tree, stage: Stage, goals: Sequence[Goal], seed: int = 0) -> Rehearsal:
+def rehearse(tree: Tree, stage: Stage, goals: Sequence[Goal], seed: int = 0, grasps: Sequence[Grasp] = ()) -> Rehearsal:
     """Run a tree in all rollouts; each has noise of its own, drawn from its number.
 
-    Another `seed` gives rollouts that a tree was not repaired by.
+    Another `seed` gives rollouts that a tree was not repaired by. `grasps` are those that the tree is published with.
     """
     root = stage.root(tree.flattened())
-    picks = frozenset(str(node.port("object")) for node in root.walk() if node.kind == "Pick")
-    actor = Actor(root)
+    actor = Actor(root, stage.knowledge(root, grasps))
+    picks = _picked(root) | {grasp.object for grasp in grasps if grasp.object is not None}
     runs = enumerate(rollouts(stage, goals, picks, seed), start=1000 * seed)
     return Rehearsal(stage, tuple(perform(rollout, actor, stage, goals, number) for number, rollout in runs))
+
+
+def _picked(root: Node) -> frozenset[str]:
+    """The objects that a flattened tree picks by name."""
+    picks = (node.port("object") for node in root.walk() if node.kind == "Pick")
+    return frozenset(str(name) for name in picks if not is_reference(name))
 
 
 def perform(rollout: Rollout, actor: Actor, stage: Stage, goals: Sequence[Goal], number: int = 0) -> RolloutResult:
     """A rollout in the kinematic world, ticked until it is clear how it ends."""
     rng = np.random.default_rng([1, number])
-    world = stage.world(rollout.spots, rng)
+    world = stage.world(rollout.spots, rng, knowledge=actor.knowledge)
     judgement = judged(rollout, world, actor.enter(world), goals, rng, stage.parameters.judging)
     return RolloutResult(rollout, judgement, world)
 
@@ -144,8 +154,9 @@ def judged(
 class Actor:
     """A tree compiled once for many worlds, since compiling takes as long as a run; implements `Leaves`."""
 
-    def __init__(self, root: Node) -> None:
+    def __init__(self, root: Node, knowledge: Knowledge = UNKNOWING) -> None:
         self.world: Leaves | None = None
+        self.knowledge = knowledge
         self.ticker = Ticker(root, self)
 
     def enter(self, world: Leaves) -> Ticker:
@@ -159,6 +170,11 @@ class Actor:
         """The world's."""
         assert self.world is not None
         return self.world.check(node)
+
+    def find(self, node: Node) -> Found | None:
+        """The world's."""
+        assert self.world is not None
+        return self.world.find(node)
 
     def tick_action(self, node: Node) -> Status:
         """The world's."""

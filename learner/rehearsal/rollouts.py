@@ -15,10 +15,11 @@ from typing import Final
 import numpy as np
 
 from learner.model.condition import ObjectRoughlyAt
+from learner.model.upright import Spot
 from learner.rehearsal.goal import Goal, Relation, holds
 from learner.rehearsal.stage import Points, Spots, Stage, Start
 from learner.simulation.arena import Arena
-from learner.simulation.gravity import GIVE_M, Spot, Table
+from learner.simulation.gravity import GIVE_M, Table
 
 STEPS_PER_ACTION: Final = 7
 

@@ -19,11 +19,15 @@ import numpy as np
 from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, Pose
 from learner.model.frame import is_composed, objects_of
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
-from learner.model.tree import Value
+from learner.model.query import Site, sites_of, written_sites
+from learner.model.tree import Value, is_reference
+from learner.model.upright import Spot
 from learner.planning.actions import scene_of
 from learner.rehearsal.landing import Landing, sentence_on, unlike
 from learner.rehearsal.parameters import RehearsalParameters
-from learner.simulation.gravity import WALL_M, Body, Spot, Table
+from learner.relations.grasping import Grasp
+from learner.relations.knowledge import UNKNOWING, Knowledge
+from learner.simulation.gravity import WALL_M, Body, Table
 from learner.simulation.kinematic_world import NOISELESS, REACH_M, WORKSPACE_M, KinematicWorld, Noise
 
 POINT: Final = ObjectShape((0.02, 0.02, 0.02), "vertical")
@@ -109,11 +113,13 @@ class Stage:
         known = self.scene.objects if self.scene else {}
         return not set(self.names) <= set(known)
 
-    def world(self, spots: Spots, rng: np.random.Generator, noise: Noise | None = None) -> KinematicWorld:
-        """A kinematic world in which everything stands at `spots`."""
+    def world(
+        self, spots: Spots, rng: np.random.Generator, noise: Noise | None = None, knowledge: Knowledge = UNKNOWING
+    ) -> KinematicWorld:
+        """A kinematic world in which everything stands at `spots`, with what a tree knows in the stage's terms."""
         world = KinematicWorld(
             self.bodies, spots, rng, noise or Noise(), self.base, workspace_m=self.workspace_m,
-            sizes=self.sizes, end_effector=self.end_effector,
+            sizes=self.sizes, end_effector=self.end_effector, knowledge=knowledge,
         )  # fmt: skip
         if self.points:
             world.table = Points(self.bodies, spots, rng)
@@ -158,6 +164,10 @@ class Stage:
 
     def _ports(self, ports: dict[str, Value]) -> tuple[tuple[str, Value], ...]:
         frame = str(ports.get("frame", ""))
+        for name in {"at", "not_at"} & ports.keys():
+            ports[name] = written_sites(tuple(map(self.site, sites_of(str(ports[name])))))
+        if is_reference(ports.get("position", "")):
+            return tuple(sorted(ports.items()))
         if "orientation" in ports:
             pose = self._into(frame) @ Pose(ports["position"], ports["orientation"]) @ self.tip  # type: ignore[arg-type]  # checked by Tree
             ports |= {"position": pose.position, "orientation": pose.quaternion_xyzw}
@@ -178,6 +188,23 @@ class Stage:
     def point(self, frame: str, position: Vector) -> Vector:
         """A point [m] of a frame as it was demonstrated, in the stage's frame of that name."""
         return self._into(frame).apply(position)
+
+    def site(self, site: Site) -> Site:
+        """A place of the demonstrations, on the stage."""
+        return replace(site, position=self.point(site.frame, site.position))
+
+    def knowledge(self, root: Node, grasps: Sequence[Grasp]) -> Knowledge:
+        """What a tree in the stage's terms is answered by."""
+        return Knowledge.of(root, map(self._grasp, grasps))
+
+    def _grasp(self, grasp: Grasp) -> Grasp:
+        """A grasp as the simulated hand does it; one of a kind or size goes by an object of it."""
+        shapes = self.scene.objects if self.scene else {}
+        alike = (name for name in self.turns if name in shapes and grasp.fits(shapes[name]))
+        name = next(alike, None) if grasp.object is None else grasp.object
+        if name not in self.turns:
+            return grasp
+        return replace(grasp, pose=self._into(name) @ grasp.pose @ self.tip)
 
     def spot(self, name: str, pose_in_base: Pose) -> Spot:
         """Where a body stands whose object has a pose in the demonstrations' base."""
@@ -217,7 +244,7 @@ class Stage:
         shape, axis = self.scene.objects[name], _main_axis(self._up(name))
         x, y, z = np.abs(rotate(np.array(_upright(axis)), np.array(shape.size_m))).tolist()
         round_ = shape.symmetry != "vertical" or axis[2] != 0
-        return ObjectShape((x, y, z), shape.symmetry if round_ else "none")
+        return replace(shape, size_m=(x, y, z), symmetry=shape.symmetry if round_ else "none")
 
     def _table_m(self) -> float:
         """The table's height [m] in the base: of what is picked, the lowest stands on it."""
@@ -238,7 +265,7 @@ class Stage:
 
     def _body(self, name: str) -> Body:
         shape = self.shapes[name]
-        if not self.points and self._contains(name):
+        if not self.points and (shape.open or self._contains(name)):
             return Body(shape, "open_box")
         graspable = any(sorted(self.shapes[other].size_m) == sorted(shape.size_m) for other in self._picked)
         return Body(shape, stroke_m=max(Body.stroke_m, min(shape.size_m[:2]))) if graspable else Body(shape)

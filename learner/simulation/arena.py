@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 from learner.execution.ticking import Leaves
 from learner.model.pose import Vector
-from learner.simulation.gravity import Body, Spot, Table
+from learner.model.upright import Spot
+from learner.simulation.gravity import Body, Table
 from learner.simulation.kinematic_world import Attempt, Faults
 
 

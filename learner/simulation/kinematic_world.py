@@ -21,17 +21,26 @@ from typing import Final
 import numpy as np
 
 from learner.errors import LearnerError
+from learner.execution.entries import Found
+from learner.execution.perception import query_of
 from learner.execution.ticking import Status
+from learner.model import Motion as MotionWord
 from learner.model import Node, Pose
 from learner.model.condition import GripperState
-from learner.model.frame import is_composed, pose_of
+from learner.model.frame import START, is_composed, objects_of, pose_of
 from learner.model.holding import Grasp, Sighting, Sizes, grasped
 from learner.model.names import NONE
 from learner.model.pose import IDENTITY_XYZW, Quaternion, Vector, rotated
+from learner.model.query import CountAt, SignalIs, signal_of
+from learner.model.scene import Scene
 from learner.model.tree import Value
 from learner.model.turning import turned_rad
+from learner.model.upright import Spot, spot_of
+from learner.relations import answering
+from learner.relations.answering import Answering, Signal
+from learner.relations.knowledge import UNKNOWING, Knowledge
 from learner.simulation.failure import Failure
-from learner.simulation.gravity import GIVE_M, Body, Spot, Table, spot_of
+from learner.simulation.gravity import GIVE_M, Body, Table
 
 PERIOD_S: Final = 0.1
 """One step of the world, and one tick [s]."""
@@ -118,10 +127,10 @@ class Behavior:
 class KinematicWorld:
     """Bodies on a table, an arm, a camera; implements `learner.execution.ticking.Leaves`.
 
-    bodies, spots: what there is and where it stands. `markers` are the rotations by which a marker is glued crooked:
-    the camera reports the body's pose turned by it. Use the leaves (`check`, `tick_action`, `halt_action`) with `step`
-    between ticks to run a tree; `move_hand`, `close`, `open` to be the arm oneself; `table` for the truth and `lay`,
-    `carry`, `take_away` to disturb.
+    bodies, spots: what there is and where it stands. `knowledge` is that of the tree; `signals` is what machines say.
+    `markers` are the rotations by which a marker is glued crooked: the camera reports the body's pose turned by it. Use
+    the leaves (`check`, `find`, `tick_action`, `halt_action`) with `step` between ticks to run a tree; `move_hand`,
+    `close`, `open` to be the arm oneself; `table` for the truth and `lay`, `carry`, `take_away` to disturb.
     """
 
     bodies: Mapping[str, Body]
@@ -134,8 +143,10 @@ class KinematicWorld:
     workspace_m: tuple[tuple[float, float], tuple[float, float]] = WORKSPACE_M
     sizes: Sizes | None = None
     end_effector: Vector = (0.0, 0.0, 0.0)
+    knowledge: Knowledge = UNKNOWING
 
     def __post_init__(self) -> None:
+        self._began = dict(self.spots)
         self.table = Table(self.bodies, self.spots, self.rng)
         self.hand: Vector = (0.45, 0.0, 0.4)
         self.hand_xyzw: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -150,7 +161,10 @@ class KinematicWorld:
         self._sizes = (
             {name: body.shape.size_m for name, body in self.bodies.items()} if self.sizes is None else self.sizes
         )
+        self.signals: dict[str, Signal] = {}
+        self._answering = Answering(self._scene(), self.knowledge)
         self._under_way: _UnderWay | None = None
+        self._begun: dict[str, Sighting] = {}
         self._seen: dict[str, Sighting] = {}
         self._known_ports: dict[int, tuple[Node, Mapping[str, Value]]] = {}
         self._draws: Iterator[list[float]] = iter(())
@@ -161,6 +175,8 @@ class KinematicWorld:
         """Where an object, a frame or the base really is."""
         if name == self.base_frame:
             return Spot(0.0, 0.0, 0.0, 0.0)
+        if name.endswith(START):
+            return self._began[name.removesuffix(START)]
         return self.table.spots.get(name) or spot_of(name, self.table.spots)
 
     @property
@@ -178,7 +194,29 @@ class KinematicWorld:
             return self._gripper_now == ports["state"]
         if node.kind == "InGripper":
             return self._held_now == ports["object"]
+        if node.kind in ("SignalIs", "CountAt"):
+            word = node.word
+            assert isinstance(word, SignalIs | CountAt)
+            return self._answering.holds(word, self._answered())
         return self._is_at(node.kind, ports)
+
+    def find(self, node: Node) -> Found | None:
+        """What a query finds for the robot: by the camera, not by the truth."""
+        return self._answering.find(query_of(node), self._answered())
+
+    def _answered(self) -> answering.Seen:
+        held = None if self._held_now == NONE else self._held_now
+        poses = {name: Pose(*self.see(name)) for name in self.table.spots}
+        return answering.Seen(poses, Pose(*self._hand), held, lambda frame: Pose(*self.see(frame)), self.signals)
+
+    @property
+    def _hand(self) -> Sighting:
+        return self.hand, self.hand_xyzw
+
+    def _scene(self) -> Scene:
+        """What the robot knows of the bodies; nothing where it is told no sizes."""
+        shapes = {name: body.shape for name, body in self.bodies.items() if name in self._sizes}
+        return Scene(shapes, self.workspace_m)
 
     def _ports(self, node: Node) -> Mapping[str, Value]:
         """The ports as a dictionary, made once per leaf; the node is kept so that its id stays its own."""
@@ -267,6 +305,14 @@ class KinematicWorld:
         except StopIteration as end:
             now.ended = now.attempt.ended = True
             now.attempt.failure = end.value
+            self._learn_of(now)
+
+    def _learn_of(self, ended: _UnderWay) -> None:
+        """A grasp that has failed is not the first to be tried again."""
+        if ended.node.kind == "Pick" and ended.attempt.failure is not None:
+            word = ended.node.word
+            assert isinstance(word, MotionWord)
+            self._answering.grasping.failed(word.object, Pose(*self.see(word.object)), word.pose)
 
     # -- camera --------------------------------------------------------------------------------------------------
 
@@ -274,17 +320,25 @@ class KinematicWorld:
         """The pose that the camera gives for a frame, the same for everyone until the next step."""
         if name == self.base_frame:
             return (0.0, 0.0, 0.0), IDENTITY_XYZW
+        if name.endswith(START):
+            return self._see_begin(*objects_of(name))
         if is_composed(name):
             pose = pose_of(name, lambda each: Pose(*self.see(each)))
             return pose.position, pose.quaternion_xyzw
         if name not in self._seen:
             if name not in self.table.spots:
                 raise LearnerError(f"there is no {name!r} in this world; there are {', '.join(self.table.spots)}")
-            self._seen[name] = self._look(name)
+            self._seen[name] = self._look(name, self.table.spots[name])
         return self._seen[name]
 
-    def _look(self, name: str) -> Sighting:
-        spot, (dx, dy, dz, angle, *axis) = self.table.spots[name], self._draw()
+    def _see_begin(self, name: str) -> Sighting:
+        """Where an object was seen at the beginning."""
+        if name not in self._begun:
+            self._begun[name] = self._look(name, self._began[name])
+        return self._begun[name]
+
+    def _look(self, name: str, spot: Spot) -> Sighting:
+        (dx, dy, dz, angle, *axis) = self._draw()
         quaternion: Quaternion = (0.0, 0.0, math.sin(spot.yaw / 2), math.cos(spot.yaw / 2))
         if name in self.markers:
             quaternion = _multiply(quaternion, self.markers[name])
@@ -396,6 +450,8 @@ class KinematicWorld:
     def _motion(self, node: Node) -> Motion:
         if node.kind == "SetGripper":
             return self._set_gripper(str(node.port("state")))
+        if node.kind == "SetSignal":
+            return self._set_signal(str(node.port("signal")), str(node.port("value")))
         return self._pick(node) if node.kind == "Pick" else self._release(node)
 
     def _set_gripper(self, state: str) -> Motion:
@@ -404,6 +460,11 @@ class KinematicWorld:
             self.open()
         else:
             self.close()
+        return None
+
+    def _set_signal(self, name: str, value: str) -> Motion:
+        yield
+        self.signals[name] = signal_of(value)
         return None
 
     def _pick(self, node: Node) -> Motion:

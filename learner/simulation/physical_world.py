@@ -24,19 +24,25 @@ from typing import Final, Self
 
 import numpy as np
 
-from learner.execution.perception import CellState, condition_of
+from learner.execution.entries import Found
+from learner.execution.perception import CellState, Checked, condition_of, query_of
 from learner.execution.ticking import Status
-from learner.model import Condition, Node, Pose
+from learner.model import Motion, Node, Pose
 from learner.model.condition import GripperState
 from learner.model.holding import Sizes
 from learner.model.names import NONE
 from learner.model.pose import Vector
+from learner.model.query import SetSignal, signal_of
+from learner.model.scene import Scene
+from learner.model.upright import Spot, spot_of
+from learner.relations.answering import Answering
+from learner.relations.knowledge import UNKNOWING, Knowledge
 from learner.simulation import scenarios
 from learner.simulation.cell import arm_kinematics, camera, skills
 from learner.simulation.cell.physics import Activity, World
 from learner.simulation.cell.skills import Skill, SkillResult
 from learner.simulation.failure import Failure
-from learner.simulation.gravity import WALL_M, Body, Spot, Table, spot_of
+from learner.simulation.gravity import WALL_M, Body, Table
 from learner.simulation.kinematic_world import PERIOD_S, Attempt, Behavior, Faults, Noise
 
 DENSITY_KG_PER_M3: Final = 800.0
@@ -79,6 +85,7 @@ class PhysicalWorld:
         behavior: Behavior | None = None,
         sizes: Sizes | None = None,
         end_effector: Vector = (0.0, 0.0, 0.0),
+        knowledge: Knowledge = UNKNOWING,
     ) -> None:
         self.bodies, self.base_frame, self.behavior = dict(bodies), base_frame, behavior or Behavior()
         self.attempts: list[Attempt] = []
@@ -88,12 +95,11 @@ class PhysicalWorld:
         scenario = scenarios.Scenario({name: _as_simulated(body) for name, body in bodies.items()}, (), ())
         start = {name: spot.pose() for name, spot in spots.items()}
         self._world = World(scenario, rng, _as_simulated_noise(noise or Noise()), start, glides=True, looks=1)
-        own_sizes = {name: body.shape.size_m for name, body in bodies.items()}
-        symmetries = {name: body.shape.symmetry for name, body in bodies.items()}
-        self._cell = CellState(base_frame, scenarios.TOOL, own_sizes if sizes is None else sizes, symmetries)
+        known = Scene({name: body.shape for name, body in bodies.items() if sizes is None or name in sizes})
+        self._cell = CellState(base_frame, scenarios.TOOL, Answering(known, knowledge))
         self._end_effector = Pose(end_effector)
         self._under_way: _UnderWay | None = None
-        self._conditions: dict[int, tuple[Node, Condition]] = {}
+        self._conditions: dict[int, tuple[Node, Checked]] = {}
         self._hand_is_clear = True
         self._now_ns = 0
         self._perceive()
@@ -147,6 +153,14 @@ class PhysicalWorld:
             known = self._conditions[id(node)] = node, condition_of(node)
         return self._cell.holds(known[1])
 
+    def find(self, node: Node) -> Found | None:
+        """What a query finds for the robot; a pose is the simulated hand's."""
+        found = self._cell.find(query_of(node))
+        if node.kind != "FindSpot" or found is None:
+            return found
+        hand = Pose(found["position"], found["orientation"]) @ self._end_effector.inverse()  # type: ignore[arg-type]  # as queries write
+        return {"position": hand.position, "orientation": hand.quaternion_xyzw}
+
     def tick_action(self, node: Node) -> Status:
         """Start the action, or tell how it goes. A start while another is under way ends that one where it is."""
         if self._under_way is None or self._under_way.node is not node:
@@ -183,15 +197,24 @@ class PhysicalWorld:
     def _do(self, node: Node, attempt: Attempt) -> Activity:
         result = yield from self._as_it_behaves(node, self._skill(node))
         attempt.ended, attempt.failure = True, result.failure
+        if isinstance(node.word, Motion) and node.kind == "Pick" and result.failure is not None:
+            self._cell.pick_failed(node.word.object, node.word.pose)
         self.faults.contacts += result.failure is not None and result.failure.kind == "contact"
         self.faults.wrong_picks += node.kind == "Pick" and self.held not in (None, attempt.object)
 
     def _skill(self, node: Node) -> Skill:
+        if isinstance(word := node.word, SetSignal):
+            return self._set_signal(word)
         if node.kind == "SetGripper":
             return skills.set_gripper(self._world, "open" if node.port("state") == "open" else "closed")
         perform = skills.pick if node.kind == "Pick" else skills.place
         pose = Pose(node.port("position"), node.port("orientation"))  # type: ignore[arg-type]  # checked by Tree
         return perform(self._world, str(node.port("object")), self._frame(node), pose)
+
+    def _set_signal(self, word: SetSignal) -> Skill:
+        yield
+        self._cell.update_signal(word.signal, self._now_ns, signal_of(word.value))
+        return skills.SUCCESS
 
     def _as_it_behaves(self, node: Node, skill: Skill) -> Skill:
         if node.kind != "SetGripper" and self._rng.random() < self.behavior.failing:

@@ -21,8 +21,9 @@ from google.protobuf.message import DecodeError
 from learner.errors import ModelError
 from learner.execution.perception import CellState
 from learner.model.pose import Pose
+from learner.model.query import signal_of
 from learner.model.stamps import Timeline
-from learner.model.tree import ACTIONS
+from learner.model.vocabulary import ACTIONS
 from pipelines.errors import UnreachableError
 
 REPLY_LIMIT_S: Final = 600.0
@@ -31,6 +32,7 @@ CANCEL_REPLY_LIMIT_S: Final = 2.0
 QUEUE_LENGTH: Final = 20_000
 """Samples kept between two ticks; beyond it the oldest go, and the newest state is kept."""
 
+SIGNALS: Final = "signals/"
 GRIPPER: Final = "the gripper"
 """Its name among the senders of stamps: no object or frame can be called so."""
 Arrival = tuple[int, bytes]
@@ -63,6 +65,7 @@ class CellLink:
         self._session, self._prefix = session, f"treewright/{cell}"
         self._poses: deque[Arrival] = deque(maxlen=QUEUE_LENGTH)
         self._gripper: deque[Arrival] = deque(maxlen=QUEUE_LENGTH)
+        self._signals: deque[tuple[str, Arrival]] = deque(maxlen=QUEUE_LENGTH)
         self._timeline: Timeline[Any] = Timeline()
         self._queriers: dict[str, zenoh.Querier] = {}
         self._open = ExitStack()
@@ -71,6 +74,8 @@ class CellLink:
         for name, queue in (("poses", self._poses), ("gripper", self._gripper)):
             subscriber = self._session.declare_subscriber(f"{self._prefix}/{name}", _into(queue))
             self._open.enter_context(subscriber)
+        signals = self._session.declare_subscriber(f"{self._prefix}/{SIGNALS}*", _into_signals(self._signals))
+        self._open.enter_context(signals)
         for skill in ACTIONS:
             self._declare(skill, REPLY_LIMIT_S)
         self._declare("cancel", CANCEL_REPLY_LIMIT_S)
@@ -96,6 +101,9 @@ class CellLink:
             self._take_poses(*self._poses.popleft())
         while self._gripper:
             self._take_gripper(*self._gripper.popleft())
+        while self._signals:
+            name, arrival = self._signals.popleft()
+            self._take_signal(name, *arrival)
 
     def _take_poses(self, arrived_ns: int, payload: bytes) -> None:
         try:
@@ -147,6 +155,19 @@ class CellLink:
             return
         for moved_ns, each in self._timeline.take(GRIPPER, stamp_ns, arrived_ns, state):
             self.state.update_gripper(moved_ns, each)
+        self._tell_of_clocks()
+
+    def _take_signal(self, name: str, arrived_ns: int, payload: bytes) -> None:
+        try:
+            sample = json.loads(payload)
+            stamp_ns, value = int(sample["stamp_ns"]), signal_of(json.dumps(sample["value"]))
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError, ModelError):
+            self._complain(
+                f"a message on {SIGNALS}{name} without stamp_ns and a value that is true, a number or a text"
+            )
+            return
+        for moved_ns, each in self._timeline.take(f"{SIGNALS}{name}", stamp_ns, arrived_ns, value):
+            self.state.update_signal(name, moved_ns, each)
         self._tell_of_clocks()
 
     def _complain(self, what: str) -> None:
@@ -218,5 +239,13 @@ def _refusal(name: str, payload: bytes) -> Answer:
 def _into(queue: deque[Arrival]) -> Any:
     def receive(sample: zenoh.Sample) -> None:
         queue.append((time.monotonic_ns(), bytes(sample.payload)))
+
+    return receive
+
+
+def _into_signals(queue: deque[tuple[str, Arrival]]) -> Any:
+    def receive(sample: zenoh.Sample) -> None:
+        name = str(sample.key_expr).rpartition("/")[2]
+        queue.append((name, (time.monotonic_ns(), bytes(sample.payload))))
 
     return receive

@@ -18,11 +18,13 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from learner.execution.engine import Engine
-from learner.execution.perception import condition_of
+from learner.execution.entries import Found
+from learner.execution.perception import Checked, condition_of, query_of
 from learner.execution.ticking import Status
 from learner.model.action import Motion, SetGripper
-from learner.model.condition import Condition, GripperIs, GripperState, InGripper
-from learner.model.tree import CONDITIONS, Node
+from learner.model.condition import GripperState
+from learner.model.query import Query
+from learner.model.tree import Node, is_reference
 from pipelines.controller.cell_link import Answer, CellLink, PendingAnswer
 from pipelines.controller.trace import Trace
 from pipelines.errors import UnreachableError
@@ -54,6 +56,9 @@ CANCEL_LIMIT_S: Final = 3.0
 SKILL_LIMIT_S: Final = 300.0
 """A skill that takes longer [s] is cancelled, and the run ends."""
 
+TOLD: Final = ("count", "kind", "object", "signal", "state", "value")
+"""The ports that tell leaves of one kind apart to a reader, but for the frame."""
+
 Outcome = Literal["success", "failure", "timeout", "stopped", "lost"]
 
 
@@ -69,13 +74,9 @@ class RunResult:
 
 def described(node: Node) -> str:
     """A leaf in few words: `Pick A in box`."""
-    match node.word:
-        case GripperIs(state) | SetGripper(state):
-            return f"{node.kind} {state}"
-        case InGripper(name):
-            return f"{node.kind} {name}"
-        case word:
-            return f"{node.kind} {word.object} in {word.frame}"
+    told = [node.kind, *(str(value) for name, value in node.ports if name in TOLD and not is_reference(value))]
+    frame = dict(node.ports).get("frame")
+    return " ".join(told) + (f" in {frame}" if frame is not None else "")
 
 
 class Execution:
@@ -99,7 +100,9 @@ class Execution:
     def gripper_expected(self) -> GripperState | None:
         """What the gripper must say once the action has succeeded."""
         word = self.node.word
-        return word.state if isinstance(word, SetGripper) else "closed" if self.node.kind == "Pick" else "open"
+        if isinstance(word, SetGripper):
+            return word.state
+        return {"Pick": "closed", "Place": "open", "Drop": "open"}.get(self.node.kind)  # type: ignore[return-value]  # both are states
 
 
 class CellLeaves:
@@ -109,10 +112,10 @@ class CellLeaves:
     halted. Raises UnreachableError when the cell stops answering: what the arm does is then not known.
     """
 
-    def __init__(self, root: Node, link: CellLink, trace: Trace) -> None:
+    def __init__(self, link: CellLink, trace: Trace) -> None:
         self._link, self._state, self._trace = link, link.state, trace
-        self._conditions = {id(node): condition_of(node) for node in root.walk() if node.kind in CONDITIONS}
-        self._held_before: dict[Condition, bool] = {}
+        self._held_before: dict[Checked, bool] = {}
+        self._found_before: dict[Query, Found | None] = {}
         self._active: dict[int, Execution] = {}
         self._moving: Execution | None = None
         self._cancellation: PendingAnswer | None = None
@@ -134,12 +137,20 @@ class CellLeaves:
         return self._moving is None and not self._active
 
     def check(self, node: Node) -> bool:
-        condition = self._conditions[id(node)]
+        condition = condition_of(node)
         holds = self._state.holds(condition)
         if self._held_before.get(condition) is not holds:
             self._held_before[condition] = holds
             self._trace.write("condition", node=node.kind, ports=dict(node.ports), holds=holds)
         return holds
+
+    def find(self, node: Node) -> Found | None:
+        query = query_of(node)
+        found = self._state.find(query)
+        if query not in self._found_before or self._found_before[query] != found:
+            self._found_before[query] = found
+            self._trace.write("query", node=node.kind, ports=dict(node.ports), found=found)
+        return found
 
     def tick_action(self, node: Node) -> Status:
         self.touched = True
@@ -244,6 +255,8 @@ class CellLeaves:
         if succeeded and isinstance(word, Motion) and word.type == "Pick":
             seen = self._state.held == word.object
             self.never_held[word.object] = 0 if seen else self.never_held.get(word.object, 0) + 1
+        elif isinstance(word, Motion) and word.type == "Pick" and word.frame == word.object:
+            self._state.pick_failed(word.object, word.pose)
         if succeeded and execution.node.kind != "SetGripper":
             self.failures_in_a_row = 0
         elif not succeeded:
@@ -267,7 +280,7 @@ class Controller:
         self, root: Node, link: CellLink, trace: Trace, tell: Callable[[dict[str, Any]], None] | None = None
     ) -> None:
         self._link, self._trace, self._tell = link, trace, tell
-        self._leaves = CellLeaves(root, link, trace)
+        self._leaves = CellLeaves(link, trace)
         self._engine = Engine(root, self._leaves)
         self._status: Status | None = None
         self._good_since_s: float | None = None
@@ -282,6 +295,7 @@ class Controller:
         under way is cancelled first. Outcome 'lost': the poses stopped, or the cell does not answer.
         """
         started_s = time.monotonic()
+        self._link.state.begin()
         try:
             ended = self._loop(stop, started_s, timeout_s, watch)
         except UnreachableError as error:

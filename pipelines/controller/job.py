@@ -9,12 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from learner.execution.perception import CellState, condition_of
+from learner.errors import ModelError
+from learner.execution.entries import Found
+from learner.execution.perception import CellState, condition_of, query_of
 from learner.execution.ticking import Status, Ticker
-from learner.model.frame import START, objects_of
+from learner.model.frame import objects_of
 from learner.model.names import check_name
 from learner.model.scene import Scene
-from learner.model.tree import ACTIONS, CONDITIONS, Node, Tree
+from learner.model.tree import Node, Tree
+from learner.model.vocabulary import ACTIONS
+from learner.relations.answering import Answering
+from learner.relations.grasping import Grasp
+from learner.relations.knowledge import Knowledge
 from pipelines.controller.cell_link import CellLink
 from pipelines.controller.controller import described
 from pipelines.errors import CellRefusedError, CommandError, UnreachableError
@@ -50,6 +56,8 @@ class Job:
     end_effector_frame: str
     scene: Scene
     """The shapes of the objects, where they were known: by them the cell knows what it holds, and what looks alike."""
+    grasps: tuple[Grasp, ...] = ()
+    """Where FindGrasp is answered from."""
 
     @staticmethod
     def of(task: str, tree: Tree, manifest: Mapping[str, Any]) -> Job:
@@ -64,16 +72,13 @@ class Job:
         if unset:
             raise CommandError(f"the manifest of {name} does not state its {' and '.join(unset)}; learn it again")
         base, end_effector = (check_name("frame", value) for value in frames.values())
-        if beginning := [frame for frame in sorted(tree.frames()) if frame.endswith(START)]:
-            raise CommandError(f"{name} goes by the frame {beginning[0]}, which this controller does not run")
-        return Job(
-            task, name, tree.digest, tree, tree.flattened(), base, end_effector, _scene(name, manifest.get("scene"))
-        )
+        scene, grasps = _scene(name, manifest.get("scene")), _grasps(name, manifest.get("grasps"))
+        return Job(task, name, tree.digest, tree, tree.flattened(), base, end_effector, scene, grasps)
 
     def empty_state(self) -> CellState:
         """The state of a cell of which nothing was seen yet."""
-        symmetries = {name: shape.symmetry for name, shape in self.scene.objects.items()}
-        return CellState(self.base_frame, self.end_effector_frame, self.scene.sizes, symmetries)
+        answering = Answering(self.scene, Knowledge.of(self.root, self.grasps))
+        return CellState(self.base_frame, self.end_effector_frame, answering)
 
     @property
     def nodes(self) -> int:
@@ -112,7 +117,15 @@ class Job:
         state = link.state
         unseen = [f"the {what} {name!r}" for name, what in self.needs.items() if state.unseen(name)]
         gripper = ["a gripper state"] if state.gripper is None else []
-        return [*unseen, *gripper, *(f"the skill {skill}" for skill in self.skills if not link.offers(skill))]
+        signals = [f"the signal {name!r}" for name in sorted(self.tree.signals()) if name not in state.signals]
+        kinds = [f"an object of kind {kind!r}" for kind in sorted(self.tree.kinds()) if not self._shown(kind, link)]
+        skills = [f"the skill {skill}" for skill in self.skills if not link.offers(skill)]
+        return [*unseen, *gripper, *signals, *kinds, *skills]
+
+    def _shown(self, kind: str, link: CellLink) -> bool:
+        """Whether anything of a kind is seen."""
+        of_kind = (name for name, shape in self.scene.objects.items() if shape.kind == kind)
+        return any(not link.state.unseen(name) for name in of_kind)
 
     def _refusal(self, link: CellLink, lacking: list[str], limit_s: float) -> CommandError:
         seen, state = ", ".join(link.state.poses()), link.state
@@ -139,6 +152,14 @@ def _scene(name: str, scene: Any) -> Scene:
         return Scene({}) if scene is None else Scene.of_data(scene)
     except ValueError as error:
         raise DamagedError(f"in the manifest of {name} {error}") from error
+
+
+def _grasps(name: str, grasps: Any) -> tuple[Grasp, ...]:
+    """Of a manifest; none where it tells none."""
+    try:
+        return tuple(map(Grasp.of_data, grasps or ()))
+    except (KeyError, TypeError, ValueError, ModelError) as error:
+        raise DamagedError(f"in the manifest of {name} the grasps are not as the contract has them: {error}") from error
 
 
 def from_zenoh(session: zenoh.Session, reference: Reference, stop: threading.Event) -> Job:
@@ -190,7 +211,7 @@ def _check_undoubted(reference: Reference, served: Mapping[str, Any]) -> None:
 
 def first_action(root: Node, state: CellState) -> tuple[str, str | None]:
     """The status of one tick in which nothing moves, and the first action that it would have started."""
-    leaves = _Still(root, state)
+    leaves = _Still(state)
     status = Ticker(root, leaves).tick()
     return status.value, leaves.wanted
 
@@ -198,13 +219,15 @@ def first_action(root: Node, state: CellState) -> tuple[str, str | None]:
 class _Still:
     """Leaves that check the cell and stop at the first action."""
 
-    def __init__(self, root: Node, state: CellState) -> None:
+    def __init__(self, state: CellState) -> None:
         self._state = state
-        self._conditions = {id(node): condition_of(node) for node in root.walk() if node.kind in CONDITIONS}
         self.wanted: str | None = None
 
     def check(self, node: Node) -> bool:
-        return self._state.holds(self._conditions[id(node)])
+        return self._state.holds(condition_of(node))
+
+    def find(self, node: Node) -> Found | None:
+        return self._state.find(query_of(node))
 
     def tick_action(self, node: Node) -> Status:
         self.wanted = described(node)

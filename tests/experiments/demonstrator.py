@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from learner.model import ActionPress, Demonstration, GripperSample, Recording, Track
 from learner.model.pose import Quaternion, multiply
+from learner.model.upright import Spot
 from learner.observation import observe
-from learner.simulation.gravity import Spot
 from learner.simulation.kinematic_world import NOISELESS, KinematicWorld
 from learner.simulation.script import ScriptedMove
 

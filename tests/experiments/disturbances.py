@@ -13,8 +13,9 @@ from typing import Final, Literal, TypeVar
 
 import numpy as np
 
+from learner.model.upright import Spot
 from learner.simulation.arena import Arena
-from learner.simulation.gravity import GIVE_M, Spot
+from learner.simulation.gravity import GIVE_M
 from learner.simulation.kinematic_world import WORKSPACE_M
 from learner.simulation.script import Rests, ScriptedMove
 

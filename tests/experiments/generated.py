@@ -20,7 +20,8 @@ import numpy as np
 
 from learner.model import ObjectShape
 from learner.model.pose import Vector
-from learner.simulation.gravity import WALL_M, Body, Spot
+from learner.model.upright import Spot
+from learner.simulation.gravity import WALL_M, Body
 from learner.simulation.kinematic_world import WORKSPACE_M
 from learner.simulation.script import Inside, Rests, ScriptedMove
 

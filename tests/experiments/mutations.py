@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from learner.model import Node, Tree
-from learner.model.tree import RECOVERY_PREFIX
+from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.proof.abstract_world import AbstractWorld, Ints, States
 from learner.proof.prover import RUNNING, SUCCESS, Arena, Program, Ticks
 

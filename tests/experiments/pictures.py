@@ -16,7 +16,7 @@ from matplotlib.patches import Polygon
 
 from learner.execution.ticking import Status, Ticker
 from learner.learning import learn
-from learner.simulation.gravity import Spot
+from learner.model.upright import Spot
 from learner.simulation.kinematic_world import WORKSPACE_M, KinematicWorld
 
 from . import report

@@ -13,8 +13,8 @@ from experiments.users import EXPERT, FOURTEEN, FOURTEEN_SCENARIO, REAL, User
 
 from learner.model import Definition, GripperIs, Tree
 from learner.model.tree import leaf
+from learner.model.upright import Spot
 from learner.observation import observe
-from learner.simulation.gravity import Spot
 
 ONCE = [
     s

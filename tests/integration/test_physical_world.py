@@ -25,12 +25,13 @@ from learner.model import (
 )
 from learner.model.condition import DROP_RADIUS_M
 from learner.model.tree import Node, fallback, leaf, sequence
+from learner.model.upright import Spot
 from learner.simulation.arena import Arena
 from learner.simulation.cell import skills
 from learner.simulation.cell.arm_kinematics import inverse, pointing_down, reaches
 from learner.simulation.cell.physics import World, upright
 from learner.simulation.failure import Failure
-from learner.simulation.gravity import Body, Spot
+from learner.simulation.gravity import Body
 from learner.simulation.kinematic_world import NOISELESS, Behavior, KinematicWorld
 from learner.simulation.physical_world import PhysicalWorld
 from learner.simulation.scenarios import SCENARIOS

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from support_btcpp import CppTicker, leaves
-from support_trees import trees
 
 from learner.execution.engine import Engine
+from learner.execution.entries import Found
 from learner.execution.ticking import Leaves, Status, Ticker
-from learner.model.tree import DECORATORS, FALLBACKS, SEQUENCES, Node, Tree
-from storage.btcpp import to_xml
+from learner.model.tree import Node
+from learner.model.vocabulary import DECORATORS, FALLBACKS, SEQUENCES
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 TICKS = 10
@@ -46,6 +46,9 @@ class Scripted:
 
     def check(self, node: Node) -> bool:
         return self._scripted("check", node) is not F
+
+    def find(self, node: Node) -> Found | None:
+        raise AssertionError(f"there is no {node.kind} here")
 
     def tick_action(self, node: Node) -> Status:
         return self._scripted("tick", node)
@@ -116,17 +119,6 @@ def test_the_interpreter_py_trees_and_behaviortree_cpp_make_the_same_calls(
     expected = observed(CppTicker, *scenario)
     assert observed(Ticker, *scenario) == expected
     assert observed(Engine, *scenario) == expected
-
-
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(tree=trees(), data=st.data())
-def test_an_exported_tree_with_subtrees_is_ticked_as_its_flattened_form(tree: Tree, data: st.DataObject) -> None:
-    root, xml = tree.flattened(), to_xml(tree)
-    script = st.lists(STATUSES, min_size=TICKS, max_size=TICKS).map(tuple)
-    scripts = [data.draw(script) for _ in leaves(root)]
-    expected = observed(lambda root, world: CppTicker(root, world, xml), root, scripts, {TICKS // 2})
-    assert observed(Ticker, root, scripts, {TICKS // 2}) == expected
-    assert observed(Engine, root, scripts, {TICKS // 2}) == expected
 
 
 def test_the_comparison_would_see_a_missed_halt() -> None:

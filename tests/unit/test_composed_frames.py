@@ -17,7 +17,7 @@ from learner.model import Demonstration, ObjectAt, ObjectShape, Pose, Scene, Tre
 from learner.model.frame import between, is_composed, midway, objects_of, on_axes, pose_of, upright
 from learner.model.poses import Poses
 from learner.model.tree import Definition, leaf
-from learner.simulation.gravity import Spot, spot_of
+from learner.model.upright import Spot, spot_of
 from storage.btcpp import from_xml, to_xml
 from storage.errors import WrittenTreeError
 

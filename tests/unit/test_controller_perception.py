@@ -14,7 +14,9 @@ from learner.execution.perception import UNSEEN_NS, CellState, condition_of
 from learner.model.condition import GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
 from learner.model.holding import NEAR_M
 from learner.model.pose import Pose, Vector
+from learner.model.scene import ObjectShape, Scene
 from learner.model.tree import Node, leaf
+from learner.relations.answering import Answering
 
 MS = 1_000_000
 UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)
@@ -55,9 +57,9 @@ def test_the_nearest_object_is_in_the_gripper_when_it_closes() -> None:
 
 
 def test_a_box_gripped_far_from_its_origin_is_held_by_its_body_where_the_scene_gives_its_size() -> None:
-    for sizes, held in (({"box": (0.30, 0.20, 0.10)}, "box"), ({}, None)):
+    for shapes, held in (({"box": ObjectShape((0.30, 0.20, 0.10))}, "box"), ({}, None)):
         story = Story()
-        story.state = CellState("base", "tool", sizes)
+        story.state = CellState("base", "tool", Answering(Scene(shapes)))
         story.gripper("open").see("box", 0.30).see("tool", 0.41).gripper("closed")
         for step in range(60):
             story.see("tool", 0.41 + 0.01 * step).see("box", 0.30 + 0.01 * step)

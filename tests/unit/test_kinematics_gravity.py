@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from learner.model import ObjectShape
-from learner.simulation.gravity import Body, Spot, Table
+from learner.model.upright import Spot
+from learner.simulation.gravity import Body, Table
 
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))
 BOX = Body(ObjectShape((0.3, 0.3, 0.08), "box"), "open_box")

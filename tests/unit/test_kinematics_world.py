@@ -11,7 +11,8 @@ from learner.errors import LearnerError
 from learner.execution.ticking import Status, Ticker
 from learner.model import Drop, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt, ObjectShape, Pick, Place, SetGripper
 from learner.model.tree import Node, leaf, sequence
-from learner.simulation.gravity import Body, Spot
+from learner.model.upright import Spot
+from learner.simulation.gravity import Body
 from learner.simulation.kinematic_world import NOISELESS, Behavior, KinematicWorld, Noise
 
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))

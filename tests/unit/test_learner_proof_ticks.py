@@ -25,7 +25,8 @@ from learner.model import (
     SetGripper,
 )
 from learner.model.names import NONE
-from learner.model.tree import DECORATORS, FALLBACKS, SEQUENCES, leaf, sequence
+from learner.model.tree import leaf, sequence
+from learner.model.vocabulary import DECORATORS, FALLBACKS, SEQUENCES
 from learner.proof.abstract_world import AWAY, FIRST_LOCATION, HELD, AbstractWorld, States
 from learner.proof.prover import NOTHING, Arena, Keys, Program, Ticks
 

@@ -19,6 +19,7 @@ from learner.model.scene import Symmetry
 from learner.model.tree import Definition, Tree, leaf
 from learner.model.turning import SAME, turned_rad
 from learner.rehearsal.stage import Stage
+from learner.relations.answering import Answering
 from storage.btcpp import from_xml, to_xml
 
 TRAY = ObjectShape((0.25, 0.12, 0.02), "none")
@@ -93,7 +94,7 @@ def test_a_cell_asks_for_the_orientation_up_to_symmetry() -> None:
     condition = ObjectPosedAt("B", "tray", (0.0, 0.0, 0.0), 0.05, about_z(0.5), 0.2)
     answers = {}
     for symmetry in ("none", "box"):
-        state = CellState("base", "tool0", symmetries={"B": symmetry})  # type: ignore[dict-item]  # both are symmetries
+        state = CellState("base", "tool0", Answering(Scene({"B": ObjectShape((0.05, 0.04, 0.03), symmetry)})))  # type: ignore[arg-type]  # both are symmetries
         state.update_pose("tray", 1, Pose((0.5, 0.0, 0.0), about_z(1.0)))
         for stamp_ns, degrees in ((2, 0), (3, 180), (4, 60)):
             state.update_pose("B", stamp_ns, Pose((0.5, 0.0, 0.0), about_z(1.5 + math.radians(degrees))))

@@ -8,13 +8,14 @@ from support_demonstrations import Put, repeated
 
 from learner.learning import METHODS
 from learner.model import ObjectShape
+from learner.model.upright import Spot
 from learner.parameters import Parameters
 from learner.rehearsal.lessons import Lessons
 from learner.rehearsal.rehearsal import RolloutResult
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.share import Share
 from learner.simulation.failure import Failure
-from learner.simulation.gravity import Body, Spot
+from learner.simulation.gravity import Body
 from learner.simulation.kinematic_world import Attempt, KinematicWorld
 
 CUBE = Body(ObjectShape((0.05, 0.05, 0.05), "cube"))

@@ -17,6 +17,7 @@ from learner.inference.targets import Target
 from learner.inference.understanding import understand
 from learner.learning import METHODS
 from learner.model import Demonstration, ObjectAt, Place, Tree
+from learner.model.upright import Spot
 from learner.parameters import Parameters
 from learner.planning.draft import Draft, in_order
 from learner.planning.occupations import Occupation, Occupations
@@ -29,7 +30,7 @@ from learner.rehearsal.parameters import RolloutParameters
 from learner.rehearsal.rehearsal import Actor, rehearse
 from learner.rehearsal.rollouts import rollouts
 from learner.rehearsal.stage import Stage
-from learner.simulation.gravity import Body, Spot
+from learner.simulation.gravity import Body
 
 PARAMETERS = Parameters()
 

@@ -11,7 +11,8 @@ from support_trees import trees
 
 from learner.model.action import Pick, Place, SetGripper
 from learner.model.condition import GripperIs, InGripper
-from learner.model.tree import LEAVES, SECOND, Definition, Tree, fallback, leaf, sequence, subtree
+from learner.model.tree import Definition, Tree, fallback, leaf, sequence, subtree
+from learner.model.vocabulary import LEAVES, SECOND
 from storage.btcpp import from_xml, to_xml, validate
 from storage.errors import WrittenTreeError
 
