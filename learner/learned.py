@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from learner.model import Tree
 from learner.model.doubt import Doubt
 from learner.parameters import Parameters
+from learner.relations.grasping import Grasp
 
 if TYPE_CHECKING:  # the draft is only named here
     from learner.planning.draft import Draft
@@ -26,5 +27,7 @@ class Learned:
     """What was proven of the tree: see learner.proof.prover.Certificate."""
     doubts: tuple[Doubt, ...] = ()
     """What the demonstrations have in common and the tree does not reproduce."""
+    grasps: tuple[Grasp, ...] = ()
+    """How objects are grasped that no node of the tree says it of."""
     draft: Draft | None = field(default=None, repr=False, compare=False)
     """Where the method can make the tree again with repairs: from what."""

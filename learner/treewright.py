@@ -31,7 +31,9 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
     users = agreement(understood, draft.without)
     doubts = doubts_about(understood, parameters.regularities)
     report, notes = _report(understood, asked, users), _notes(understood, doubts, asked, users)
-    return Learned(draft.tree(), report, notes, parameters, doubts=doubts, draft=draft)
+    tree = draft.tree()
+    grasps = draft.grasps if "FindGrasp" in tree.leaves else ()
+    return Learned(tree, report, notes, parameters, doubts=doubts, grasps=grasps, draft=draft)
 
 
 def _notes(

@@ -24,6 +24,7 @@ COMMANDS: Final = {
     "approve": "a person takes on what is doubted of a tree",
     "store": "the artifact store: list, show, export, alias, verify",
     "run": "a cell controller: fetch a tree, check it, execute it",
+    "world": "the conditions of a cell, answered for other engines",
     "recover": "complete a torn recording from its whole chunks",
     "replay": "publish a recording with its timing",
     "relabel": "correct the type of a demonstrated action",

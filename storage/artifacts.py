@@ -57,6 +57,7 @@ OWN_FACTS: Final = (
     "created",
     "digest",
     "frames",
+    "leaves",
     "nodes",
     "nodes_recovery",
     "nodes_written",
@@ -66,7 +67,7 @@ OWN_FACTS: Final = (
     "vocabulary",
     "xml_sha256",
 )
-LATER_FACTS: Final = ("vocabulary",)
+LATER_FACTS: Final = ("leaves", "vocabulary")
 """Manifests that earlier versions wrote do not state these."""
 EXPECTED_FACTS: Final = ("base_frame", "end_effector_frame", "lineage", "metrics")
 """What a manifest always has, null where the publisher does not know it."""
@@ -532,6 +533,7 @@ def _derived(task: str, version: int, tree: Tree, xml: str) -> dict[str, Any]:
         "digest": tree.digest,
         "frames": sorted(tree.frames()),
         "nodes": tree.nodes,
+        "leaves": sorted(tree.leaves),
         "nodes_recovery": tree.nodes_recovery,
         "nodes_written": tree.nodes_written,
         "objects": sorted(tree.objects()),

@@ -8,12 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from learner.execution.entries import Found
+from learner.execution.perception import query_of
 from learner.execution.ticking import Status, Ticker
-from learner.model import Node, Pose, Tree
+from learner.model import Node, ObjectShape, Pose, Scene, Tree
+from learner.relations.answering import Answering, Seen
 
 NEAR_M = 0.05
 """So near to the end-effector an object has to be to be gripped (CONTRACT, section 3)."""
 CUBE_M = 0.05
+CUBE = ObjectShape((CUBE_M, CUBE_M, CUBE_M), "cube")
 BESIDE_M = 0.04
 """Two cubes whose origins are nearer than this, across and in height, would be in one another."""
 
@@ -41,6 +45,12 @@ class PoseWorld:
             return self.held == node.port("object")
         name = str(node.port("object"))
         return self.held != name and self._away(node, name) <= float(node.port("radius"))  # type: ignore[arg-type]
+
+    def find(self, node: Node) -> Found | None:
+        """What a query finds among the cubes; nobody knows a further grasp."""
+        held = None if self.held == "none" else self.held
+        known = Answering(Scene({name: CUBE for name in self.poses if name in self.solid}))
+        return known.find(query_of(node), Seen(self.poses, self.hand, held, self.frame))
 
     def _away(self, node: Node, name: str) -> float:
         wanted = self.frame(str(node.port("frame"))).apply(node.port("position"))  # type: ignore[arg-type]

@@ -166,7 +166,7 @@ def leaf(word: Condition | Action) -> Node:
     return Node(type(word).__name__, tuple(sorted(values.items())))
 
 
-def asked(kind: str, **ports: Value) -> Node:
+def asked(kind: str, /, **ports: Value) -> Node:
     """A leaf of vocabulary 2 by its ports, output ports included: references, or values as they are written."""
     return Node(kind, tuple(sorted(ports.items())))
 

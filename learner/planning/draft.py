@@ -13,10 +13,15 @@ from learner.model import Drop, InGripper, Node, Place, Tree
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
 from learner.model.tree import fallback, leaf, sequence
 from learner.planning.actions import LearnedActions
+from learner.planning.demonstrated import DemonstratedRecovery
+from learner.planning.obstacles import Obstacles
 from learner.planning.parameters import PlanningParameters
-from learner.planning.recovery import NoRecovery, PileRecovery
+from learner.planning.recovery import NoRecovery
+from learner.planning.relational import RelationalRecovery
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.synthesis import main_id, tree_of
+from learner.relations.grasping import Grasp
+from learner.relations.things import NO_THINGS, Things
 
 
 @dataclass(frozen=True)
@@ -34,8 +39,27 @@ class Draft:
         understood = self.understood
         actions = self.actions
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in understood.groups]
-        recovery = PileRecovery.of(understood.demonstrations, actions, self.shared_targets(), widened=repairs.widened)
-        return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
+        return tree_of(main_id(understood.demonstrations), groups, actions, self.recovery(actions))
+
+    @property
+    def grasps(self) -> tuple[Grasp, ...]:
+        """Where the tree's queries for a grasp are answered from."""
+        return Obstacles(self.understood.demonstrations, self.actions).grasps
+
+    @property
+    def things(self) -> Things:
+        """What the proof is to know of the objects."""
+        recovery = self.recovery(self.actions)
+        if not isinstance(recovery, RelationalRecovery):
+            return NO_THINGS
+        picks = recovery.obstacles.picks
+        return Things({name: self.actions.grasp_of(pick) for name, pick in picks.items()}, recovery.upon)
+
+    def recovery(self, actions: LearnedActions) -> RelationalRecovery | DemonstratedRecovery:
+        """By relations, where shapes are known."""
+        obstacles = Obstacles(self.understood.demonstrations, actions)
+        kind = RelationalRecovery if obstacles.has_scene else DemonstratedRecovery
+        return kind(obstacles, self.shared_targets())
 
     def shared_targets(self) -> list[Target]:
         """The targets that a demonstration of some group reached; not those of somebody who means another task."""

@@ -8,15 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from learner.model import Definition, Demonstration, Node, ObjectShape, Pick, Pose
+from learner.model import Demonstration, ObjectShape, Pick, Pose
 from learner.model.names import distinct_identifiers
 from learner.model.pose import Array, conjugate, rotate
-from learner.model.tree import first_of, leaf, subtree
-from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.actions import LearnedActions
 from learner.planning.grasps import Upright, borrowed_grasp, quarter_turned
 from learner.planning.parameters import RecoveryParameters
 from learner.planning.rounding import rounded_pose
+from learner.relations.grasping import Grasp
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,23 +53,40 @@ class Obstacles:
     @cached_property
     def picks(self) -> Mapping[str, Pick]:
         """How to grasp each obstacle."""
-        picks = {name: self.actions.pick(name) for name in self.actions.grasps}
+        picks = {name: self.actions.pick(name) for name in self.actions.grasps if not self._is_fixed(name)}
         seen = {name for d in self.demonstrations for name in d.first_seen}
         uprights = {name: Upright(shape, self._up(name)) for name, shape in sorted(self.shapes.items()) if name in seen}
         for name in sorted(set(uprights) - set(picks)):
             grasp = borrowed_grasp(uprights[name], self.actions.grasps, uprights, self.actions.parameters.grasps)
-            if grasp is not None:
+            if grasp is not None and not self._is_fixed(name):
                 picks[name] = _pick(name, grasp)
         return picks
 
     @cached_property
-    def turned(self) -> Mapping[str, Pick]:
-        """The grasps turned by a quarter: of square objects, and of those where the narrow side had to be guessed."""
-        return {
-            name: _pick(name, quarter_turned(self.actions.grasp_of(pick), self.ups[name]))
-            for name, pick in self.picks.items()
-            if name in self.shapes and (self._guessed(name) or self.shapes[name].symmetry in ("cube", "vertical"))
-        }
+    def turned(self) -> Mapping[str, Sequence[Pose]]:
+        """The further grasps of each obstacle: turned by a quarter, where its sides are alike or nobody showed which is
+        grasped, then by a half, and by three quarters.
+        """
+        found = {}
+        for name in self.picks.keys() & self.shapes.keys():
+            own, up = self.actions.grasp_of(self.picks[name]), self.ups[name]
+            quarter = quarter_turned(own, up)
+            half = quarter_turned(quarter, up)
+            square = self._guessed(name) or self.shapes[name].symmetry in ("cube", "vertical")
+            found[name] = [rounded_pose(pose) for pose in ((quarter, half, quarter_turned(half, up)) if square else ())]
+        return found
+
+    @cached_property
+    def grasps(self) -> tuple[Grasp, ...]:
+        """Of each obstacle, in the order in which they are tried."""
+        return tuple(
+            Grasp(pose, object=name)
+            for name, pick in sorted(self.picks.items())
+            for pose in (self.actions.grasp_of(pick), *self.turned.get(name, ()))
+        )
+
+    def _is_fixed(self, name: str) -> bool:
+        return name in self.shapes and self.shapes[name].fixed
 
     def _guessed(self, name: str) -> bool:
         """Whether nobody showed across which of two different sides an object is grasped."""
@@ -89,6 +105,14 @@ class Obstacles:
         norm = float(np.linalg.norm(up))
         return np.asarray(up / norm) if norm > self.parameters.upright else np.array([0.0, 0.0, 1.0])
 
+    def up(self, name: str) -> Array:
+        """The direction (3,), in the frame of an object that may be no obstacle, that points up in the base."""
+        return self._up(name)
+
+    def height_m(self, name: str) -> float:
+        """How high an object of known shape is as it stands [m]."""
+        return Upright(self.shapes[name], self._up(name)).height_m
+
     def upright(self, name: str) -> Upright:
         """An obstacle of known shape as it stands."""
         return Upright(self.shapes[name], self.ups[name])
@@ -99,19 +123,6 @@ class Obstacles:
         alike = [o for o in self.picks if o == name or (self.has_scene and self.shapes.get(o) == shape)]
         seen = [d.first_seen for d in self.demonstrations]
         return [poses[other].position[2] for poses in seen for other in alike if other in poses]
-
-    def take(self, name: str) -> Node:
-        """Picks an obstacle; where the hand meets something beside it, turned by a quarter."""
-        return subtree(self._take_id(name)) if name in self.turned else leaf(self.picks[name])
-
-    @property
-    def definitions(self) -> list[Definition]:
-        """The SubTrees that `take` uses."""
-        takes = {name: first_of([leaf(self.picks[name]), leaf(turned)]) for name, turned in self.turned.items()}
-        return [Definition(self._take_id(name), body) for name, body in takes.items()]
-
-    def _take_id(self, name: str) -> str:
-        return f"{RECOVERY_PREFIX}Take_{self.ids[name]}"
 
 
 def _pick(name: str, grasp: Pose) -> Pick:

@@ -40,39 +40,24 @@ class GraspParameters:
 
 @dataclass(frozen=True)
 class RecoveryParameters:
-    """What covers and occupies, and where things are put aside."""
+    """What covers, and where things are put aside."""
 
     levels: int = 5
-    """So many objects upon one are taken down."""
+    """Piles of so many objects upon one are proven to be taken down."""
     cover_radius_m: float = 0.035
     """An object's origin this near to the middle of the place above another covers it, where no scene tells sizes."""
-    edge_m: float = 0.01
-    """An object whose middle is further off than the edge of what it lies upon, and this much, would fall."""
-    merged_m: float = 0.015
-    """Heights of piles that differ by less are looked for at their mean ..."""
-    mixed_radius_m: float = 0.025
-    """... and within this, where the objects' heights differ."""
     upright: float = 0.5
     """The directions that pointed up are averaged; if the mean is shorter than this, they tell nothing."""
-    occupies: float = 0.9
-    """An object this near to a place, in parts of what both need side by side, leaves no room there for the other."""
-    touch_m: float = 0.005
-    """Between outlines nearer than this perception sees no gap."""
     on_table_m: float = 0.015
     """An object at most this much higher than the lowest of its shape stood on the table."""
     beside_m: float = 0.015
     """What rests further from the upright axis of an object is beside it, not upon it."""
     spots: int = 6
-    """So many spots are tried for what is put aside."""
+    """So many spots are tried for what is put aside, where no scene tells sizes."""
     inner: float = 0.75
     """They are among this share of the places where objects have lain, those furthest inside."""
     raised_m: float = 0.003
     """What is put aside is let go this much above the table."""
-    wide_m: float = 0.12
-    """Objects that are wider keep a spot from being free within their reach, not only near their origin."""
-    ring: int = 6
-    ring_m: float = 0.16
-    """So many points around a spot, at this distance, are looked at for wide objects."""
 
 
 @dataclass(frozen=True)

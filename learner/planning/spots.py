@@ -12,7 +12,7 @@ from learner.inference.targets import Target
 from learner.model import Definition, GripperIs, InGripper, Node, ObjectRoughlyAt, Place, Pose, SetGripper
 from learner.model.condition import DROP_RADIUS_M
 from learner.model.pose import Array
-from learner.model.tree import Value, fallback, first_of, guarded, leaf, negated, sequence, subtree
+from learner.model.tree import fallback, first_of, guarded, leaf, negated, sequence, subtree
 from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.obstacles import Obstacles
 from learner.planning.rounding import rounded_pose, rounded_vector
@@ -36,16 +36,15 @@ class Spots:
     @property
     def definitions(self) -> list[Definition]:
         """The SubTrees that `put_down` uses."""
-        ports = tuple(sorted(self._around(np.zeros(2))))
         placed = first_of([self._put_on(spot) for spot in self._chosen()])
         body = fallback(leaf(GripperIs("open")), placed, leaf(SetGripper("open")))
-        return [Definition(SPOT_FREE, self._spot_is_free(), ports), Definition(PUT_DOWN, body)]
+        return [Definition(SPOT_FREE, self._spot_is_free(), ("position",)), Definition(PUT_DOWN, body)]
 
     def _put_on(self, spot: Array) -> Node:
         """Places what is held on a spot (2,), if that is free."""
         places = [self._place(name, spot) for name in sorted(self.obstacles.picks)]
         put = first_of([guarded(InGripper(place.object), leaf(place)) for place in places])
-        return sequence(subtree(SPOT_FREE, **self._around(spot)), put, reactive=False)
+        return sequence(subtree(SPOT_FREE, position=rounded_vector((spot[0], spot[1], 0.0))), put, reactive=False)
 
     def _place(self, name: str, spot: Array) -> Place:
         pose = self._pose_on_table(name, spot)
@@ -83,28 +82,10 @@ class Spots:
         count = max(numbers.spots, round(numbers.inner * len(seen)))
         return np.asarray(seen[np.argsort(outside, kind="stable")[:count]])
 
-    def _around(self, spot: Array) -> dict[str, Value]:
-        """The ports of SpotIsFree: the spot, and, where wide objects are known, points around it."""
-        numbers = self.obstacles.parameters
-        ports: dict[str, Value] = {"position": rounded_vector((spot[0], spot[1], 0.0))}
-        for k in range(numbers.ring if self._wide() else 0):
-            angle = 2 * np.pi * k / numbers.ring
-            x, y = spot + numbers.ring_m * np.array([np.cos(angle), np.sin(angle)])
-            ports[f"position_{k + 1}"] = rounded_vector((x, y, 0.0))
-        return ports
-
-    def _wide(self) -> list[str]:
-        """Known objects that reach further than a spot is wide, whether they are obstacles or not."""
-        wide_m = self.obstacles.parameters.wide_m
-        return [name for name, shape in sorted(self.obstacles.shapes.items()) if max(shape.size_m) > wide_m]
-
     def _spot_is_free(self) -> Node:
-        """No object is near the spot at the port `position`, no wide one near the points around it."""
+        """No object is near the spot at the port `position`."""
         names = sorted({name for d in self.obstacles.demonstrations for name in d.objects})
-        ring = range(self.obstacles.parameters.ring)
-        checks = [self._near(name, "position") for name in names]
-        checks += [self._near(name, f"position_{k + 1}") for name in self._wide() for k in ring]
-        return sequence(*(negated(check) for check in checks))
+        return sequence(*(negated(self._near(name, "position")) for name in names))
 
     def _near(self, name: str, port: str) -> Node:
         """Whether an object is near the position at a port."""

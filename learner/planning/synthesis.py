@@ -60,7 +60,8 @@ class _Builder:
     def root(self) -> Node:
         first, alike = self.groups[0], len({group.held for group in self.groups}) == 1
         if len(self.groups) == 1:
-            return sequence(*self._subgoals(first.subgoals, ()), *self._held(first))
+            begun = self.recovery.first(first.subgoals)
+            return sequence(*begun, *self._subgoals(first.subgoals, ()), *self._held(first))
         lists = [group.subgoals for group in self.groups]
         begin = _common(lists) if alike else 0
         end = _common([subgoals[begin:][::-1] for subgoals in lists]) if alike else 0
@@ -123,10 +124,10 @@ class _Builder:
         nodes: list[Node] = []
         for place, subgoal in enumerate(subgoals):
             earlier = (*done, *subgoals[:place])
-            nodes += [node for node in self._use(self.recovery.standing(subgoal)) if node not in nodes]
+            nodes += [node for node in self.recovery.standing(subgoal) if node not in nodes]
             nodes += () if subgoal.guards else self._room(subgoal, earlier)
             chain = self._chain(subgoal, earlier) if subgoal.guards else sequence(*self._placed(subgoal))
-            otherwise = self._use(self.recovery.otherwise(subgoal))
+            otherwise = self.recovery.otherwise(subgoal)
             nodes.append(fallback(self._condition(subgoal), chain, *otherwise, reactive=False))
         return nodes
 
@@ -140,14 +141,11 @@ class _Builder:
 
     def _room(self, subgoal: Subgoal, done: Sequence[Subgoal], instead: Sequence[Subgoal] = ()) -> Sequence[Node]:
         room = self.recovery.before(subgoal, [other.target for other in done], instead)
-        return self._use(replace(room, id=self._unused(room.id)) if room else None)
-
-    def _use(self, definition: Definition | None) -> Sequence[Node]:
-        """The use of a SubTree that recovers, if there is one; of the same ID the last one given counts."""
-        if definition is None:
-            return ()
-        self.definitions[definition.id] = definition
-        return (subtree(definition.id),)
+        if room is None or isinstance(room, Node):
+            return () if room is None else (room,)
+        used = replace(room, id=self._unused(room.id))
+        self.definitions[used.id] = used
+        return (subtree(used.id),)
 
     def _unused(self, tree_id: str) -> str:
         """The ID, with a number if it was used before."""

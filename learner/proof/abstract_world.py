@@ -10,7 +10,7 @@ Many states are looked at together: arrays have a row an object and a column a s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -22,12 +22,16 @@ from numpy.typing import NDArray
 from learner.errors import TreeError
 from learner.model import GripperIs, InGripper, Motion, Node, ObjectAt, ObjectRoughlyAt, Pose, SetGripper
 from learner.model.condition import ObjectPosedAt
-from learner.model.frame import is_composed
+from learner.model.frame import is_composed, objects_of
 from learner.model.names import NONE
-from learner.model.pose import Vector
-from learner.model.tree import Word
+from learner.model.pose import IDENTITY_XYZW, Vector
+from learner.model.query import FindGrasp, FindHeld, FindInTheWay, FindSpot, FindUnder, FindUpon
+from learner.model.tree import Value, Word, is_reference
+from learner.model.vocabulary import QUERIES, outputs_of
 from learner.proof.parameters import ProofParameters
+from learner.relations.things import NO_THINGS, Things
 
+NOBODY: Final = -1
 AWAY: Final = 0
 HELD: Final = 1
 FIRST_LOCATION: Final = 2
@@ -39,6 +43,8 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 LocationNumbers = NDArray[np.int16]
 Floats = NDArray[np.float32]
+FAR: Final = (1e6, 1e6, 0.0)
+"""A free spot [m], away from all that a tree speaks of."""
 FIXED: Final = "that frames which go by several objects move with them"
 
 TURNED: Final = "how objects are turned"
@@ -110,15 +116,22 @@ class Layout:
 class AbstractWorld:
     """The world of some trees' conditions: its objects, their locations, and what each leaf does to many states.
 
-    At most `levels` things lie upon one: so many as the trees are made to take down.
+    At most `levels` things lie upon one: so many as the trees are made to take down. Where a tree asks for relations,
+    any of the `things` may lie upon any other, and on any place that the tree speaks of.
     """
 
-    def __init__(self, base_frame: str, *roots: Node, levels: int, parameters: ProofParameters | None = None) -> None:
+    def __init__(
+        self, base_frame: str, *roots: Node, levels: int, parameters: ProofParameters | None = None,
+        things: Things = NO_THINGS,
+    ) -> None:  # fmt: skip
         self.base_frame, self.levels, self.parameters = base_frame, levels, parameters or ProofParameters()
         leaves = list(dict.fromkeys(node for root in roots for node in root.walk() if not node.children))
-        words = [node.word for node in leaves]
-        self.grasps = {w.object: w.pose for w in words if isinstance(w, Motion) and w.type == "Pick"}
-        self.objects = sorted({w.object for w in words if isinstance(w, Motion | Spoken | InGripper)} - {NONE})
+        words = [node.word for node in leaves if not any(is_reference(value) for value in _read(node).values())]
+        self.things = things if any(node.kind in QUERIES for node in leaves) else NO_THINGS
+        picks = {w.object: w.pose for w in words if isinstance(w, Motion) and w.type == "Pick"}
+        self.grasps = {**self.things.grasps, **picks}
+        named = {w.object for w in words if isinstance(w, Motion | Spoken | InGripper)}
+        self.objects = sorted((named | self.things.grasps.keys()) - {NONE})
         asked = {w.frame for w in words if isinstance(w, Motion | Spoken)}
         self.frames = [*self.objects, base_frame, *sorted(asked - {*self.objects, base_frame})]
         self.index = {name: number for number, name in enumerate(self.frames)}
@@ -149,6 +162,18 @@ class AbstractWorld:
             known = any(p.frame == frame and math.dist(p.position, position) < self.parameters.same_m for p in found)
             if (placed or lowest) and not known:
                 found.append(Location(frame, position, (frame, position) in exact))
+        return [*found, *self._astray(name, words, found)]
+
+    def _astray(self, name: str, words: Sequence[Word], own: Sequence[Location]) -> list[Location]:
+        """Where an object may lie that the tree does not want there: upon another, or on the place of another."""
+        places = [(under, at) for (upper, under), at in self.things.upon.items() if upper == name]
+        exact = [w for w in words if isinstance(w, ObjectAt) and w.object != name and name not in objects_of(w.frame)]
+        places += [(w.frame, w.position) for w in exact] if self.things.grasps else []
+        found: list[Location] = []
+        for frame, position in dict.fromkeys(places):
+            same = (p for p in (*own, *found) if p.frame == frame)
+            if not any(math.dist(p.position, position) < self.parameters.same_m for p in same):
+                found.append(Location(frame, position, exact=True))
         return found
 
     def _is_below(self, frame: str, a: Vector, b: Vector) -> bool:
@@ -386,6 +411,64 @@ class AbstractWorld:
             case _:
                 raise TreeError(f"{node.kind} is no condition")
 
+    def find(self, node: Node, states: States, layout: Layout) -> Ints:
+        """Which object (n,) a query finds, NOBODY where it fails; of a pose, the object whose it is."""
+        match node.word:
+            case FindHeld():
+                held = states.locations == HELD
+                return np.where(held.any(axis=0), held.argmax(axis=0), NOBODY)
+            case FindUpon(name):
+                return self._topmost(np.full(len(states), self.index[name]), layout)
+            case FindUnder(name):
+                return self._under(self.index[name], layout)
+            case FindInTheWay(name, frame, position):
+                return self._in_the_way({name, *objects_of(frame)}, *self._spot(frame, position, layout), layout)
+            case FindSpot(name):
+                return np.where(self._in_hand(name, states), self.index[name], NOBODY)
+            case FindGrasp(name):
+                return np.full(len(states), self.index[name] if name in self.grasps else NOBODY)
+            case _:
+                raise TreeError(f"{node.kind} is not known to the proof")
+
+    def written(self, node: Node, port: str, number: int) -> Value:
+        """What a query writes to a port where it has found the object of a number."""
+        name = self.objects[number]
+        if node.kind == "FindGrasp":
+            grasp = self.grasps[name]
+            return grasp.position if port == "position" else grasp.quaternion_xyzw
+        if node.kind == "FindSpot":
+            return FAR if port == "position" else IDENTITY_XYZW
+        return name
+
+    def _topmost(self, under: Ints, layout: Layout) -> Ints:
+        """The highest (n,) of what lies on the vertical of the objects of these numbers (n,), and above them."""
+        columns = np.arange(len(under))
+        spot, root = layout.offsets[:3, under, columns], layout.roots[under, columns]
+        found, highest = np.full(len(under), NOBODY), np.full(len(under), -np.inf)
+        for b in self.movable:
+            above = layout.near(b, spot, root, self.parameters.overlap_m, axes=2)
+            above &= layout.offsets[Z, b] - spot[Z] > self.parameters.upon_m[0]
+            above &= layout.offsets[Z, b] > highest
+            found[above], highest[above] = b, layout.offsets[Z, b][above]
+        return found
+
+    def _under(self, a: int, layout: Layout) -> Ints:
+        """The highest (n,) of what an object lies upon."""
+        found, highest = np.full(layout.roots.shape[1], NOBODY), np.full(layout.roots.shape[1], -np.inf)
+        for b in self.movable:
+            under = self._upon(layout, a, b) & (layout.offsets[Z, b] > highest) if b != a else highest > 0
+            found[under], highest[under] = b, layout.offsets[Z, b][under]
+        return found
+
+    def _in_the_way(self, belonging: Set[str], root: NDArray[np.int32], spot: Floats, layout: Layout) -> Ints:
+        """The topmost (n,) of what lies at a spot (3, n), but for what belongs there."""
+        found = np.full(len(root), NOBODY)
+        for b in self.movable:
+            if self.objects[b] not in belonging:
+                found[layout.near(b, spot, root, self.parameters.overlap_m)] = b
+        topmost = self._topmost(np.maximum(found, 0), layout)
+        return np.where((found != NOBODY) & (topmost != NOBODY), topmost, found)
+
     def _in_hand(self, name: str, states: States) -> Bools:
         return np.asarray(states.locations[self.index[name]] == HELD)
 
@@ -495,3 +578,8 @@ class AbstractWorld:
 def _drawn(states: States, count: int, rng: np.random.Generator) -> States:
     """So many of the states, in their order."""
     return states.take(np.sort(rng.permutation(len(states))[:count]))
+
+
+def _read(node: Node) -> Mapping[str, Value]:
+    """The ports that a leaf reads."""
+    return {name: value for name, value in node.ports if name not in outputs_of(node.kind)}

@@ -10,7 +10,7 @@ Where something held is let go in the air, every place at which it may come to r
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Final
@@ -19,9 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learner.model import Node, SetGripper, Tree
-from learner.model.vocabulary import ACTIONS, CONDITIONS, FALLBACKS, SEQUENCES
-from learner.proof.abstract_world import FIRST_LOCATION, AbstractWorld, Bools, Ints, Location, States
+from learner.model.tree import Value, is_reference
+from learner.model.vocabulary import CONDITIONS, FALLBACKS, LEAVES, QUERIES, SEQUENCES, outputs_of
+from learner.proof.abstract_world import FIRST_LOCATION, NOBODY, AbstractWorld, Bools, Ints, Location, States
 from learner.proof.parameters import ProofParameters
+from learner.relations.things import NO_THINGS, Things
 
 FAILURE, RUNNING, SUCCESS = np.int8(0), np.int8(1), np.int8(2)
 NOTHING: Final = -1
@@ -64,17 +66,25 @@ class Program:
         """The distinct leaves."""
         self.places: list[Node] = []
         """All leaves, from left to right."""
+        self.reads: list[tuple[tuple[str, Value], ...]] = []
+        """Of each leaf the ports that refer to entries."""
         self._numbers: dict[Node, int] = {}
         self.root = self._instruction(root)
 
     def _instruction(self, node: Node) -> Instruction:
         if node.children:
             return Instruction(node.kind, tuple(self._instruction(child) for child in node.children))
-        if node not in self._numbers:
-            self._numbers[node] = len(self.leaves)
-            self.leaves.append(node)
         self.places.append(node)
-        return Instruction(node.kind, (), self._numbers[node], len(self.places) - 1)
+        return Instruction(node.kind, (), self.number(node), len(self.places) - 1)
+
+    def number(self, leaf: Node) -> int:
+        """That of a leaf; one with its entries filled in gets one when it is first met."""
+        if leaf not in self._numbers:
+            self._numbers[leaf] = len(self.leaves)
+            self.leaves.append(leaf)
+            outputs = outputs_of(leaf.kind)
+            self.reads.append(tuple(port for port in leaf.ports if port[0] not in outputs and is_reference(port[1])))
+        return self._numbers[leaf]
 
 
 class Ticks:
@@ -93,6 +103,11 @@ class Ticks:
         self.worked = np.zeros(len(program.places), dtype=bool)
         self.failed: dict[int, int] = {}
         self._answers: dict[int, Bools] = {}
+        self._found: dict[int, Ints] = {}
+        self._entries: dict[Value, Ints] = {}
+        """By reference, which object an entry is about (n,), NOBODY while it is not written ..."""
+        self._writers: dict[Value, tuple[Node, str]] = {}
+        """... and which query has written it, by which port."""
         succeeded, failed = self._tick(program.root, np.arange(len(states)))
         self.status = np.full(len(states), RUNNING)
         self.status[succeeded], self.status[failed] = SUCCESS, FAILURE
@@ -117,11 +132,8 @@ class Ticks:
         """In which of some states a node succeeds, and in which it fails; in the others it runs."""
         if not len(where):
             return where, where
-        if instruction.kind in CONDITIONS:
-            holds = self._answer(instruction.leaf)[where]
-            return where[holds], where[~holds]
-        if instruction.kind in ACTIONS:
-            return where[:0], self._begin(instruction, where)
+        if instruction.kind in LEAVES:
+            return self._leaf(instruction, where)
         if instruction.kind in SEQUENCES:
             return self._in_turn(instruction.children, where)
         if instruction.kind in FALLBACKS:
@@ -144,16 +156,70 @@ class Ticks:
         both = np.concatenate([succeeded, failed])
         return (both, both[:0]) if instruction.kind == "ForceSuccess" else (both[:0], both)
 
-    def _begin(self, instruction: Instruction, where: Ints) -> Ints:
+    def _leaf(self, instruction: Instruction, where: Ints) -> tuple[Ints, Ints]:
+        """As `_tick`; where a leaf reads entries, it is another one for each value of them."""
+        if not self.program.reads[instruction.leaf]:
+            return self._told(instruction.leaf, instruction.place, where)
+        filled = list(self._filled(instruction.leaf, where))
+        ends = [self._told(number, instruction.place, here) for number, here in filled]
+        unwritten = np.setdiff1d(where, np.concatenate([where[:0], *(here for _, here in filled)]))
+        succeeded, failed = ([end[k] for end in ends] for k in (0, 1))
+        return np.concatenate([where[:0], *succeeded]), np.concatenate([unwritten, *failed])
+
+    def _filled(self, number: int, where: Ints) -> Iterator[tuple[int, Ints]]:
+        """The numbers of a leaf with the entries that it reads filled in, and in which of the states each is meant."""
+        leaf, reads = self.program.leaves[number], self.program.reads[number]
+        if not all(reference in self._entries for _, reference in reads):
+            return
+        numbers = [self._entries[reference][where] for _, reference in reads]
+        keys = np.zeros(len(where), dtype=np.intp)
+        for row in numbers:
+            keys = keys * (len(self.world.objects) + 1) + row + 1
+        for key in np.unique(keys):
+            here = np.flatnonzero(keys == key)
+            meant = [int(row[here[0]]) for row in numbers]
+            if NOBODY not in meant:
+                values = {port: self._value(ref, number) for (port, ref), number in zip(reads, meant, strict=True)}
+                ports = tuple((port, values.get(port, value)) for port, value in leaf.ports)
+                yield self.program.number(Node(leaf.kind, ports)), where[here]
+
+    def _value(self, reference: Value, number: int) -> Value:
+        query, port = self._writers[reference]
+        return self.world.written(query, port, number)
+
+    def _told(self, number: int, place: int, where: Ints) -> tuple[Ints, Ints]:
+        leaf = self.program.leaves[number]
+        if leaf.kind in QUERIES:
+            return self._find(number, where)
+        if leaf.kind in CONDITIONS:
+            holds = self._answer(number)[where]
+            return where[holds], where[~holds]
+        return where[:0], self._begin(number, place, where)
+
+    def _find(self, number: int, where: Ints) -> tuple[Ints, Ints]:
+        """Where a query finds something, which is written, and where it fails."""
+        query = self.program.leaves[number]
+        if number not in self._found:
+            self._found[number] = self.world.find(query, self.states, self.layout)
+        found = self._found[number][where]
+        here = found != NOBODY
+        for port in outputs_of(query.kind):
+            reference = query.port(port)
+            entry = self._entries.setdefault(reference, np.full(len(self.states), NOBODY))
+            entry[where[here]] = found[here]
+            self._writers[reference] = query, port
+        return where[here], where[~here]
+
+    def _begin(self, number: int, place: int, where: Ints) -> Ints:
         """Begin an action where it can succeed; where it fails."""
-        can = self._answer(instruction.leaf)[where]
+        can = self._answer(number)[where]
         begun, failed = where[can], where[~can]
-        self.action[begun] = instruction.leaf
-        self.worked[instruction.place] = len(begun) > 0
+        self.action[begun] = number
+        self.worked[place] |= len(begun) > 0
         if len(failed):
-            self.failed[instruction.place] = int(failed[0])
-            ready = self.world.ready(self.program.leaves[instruction.leaf], self.states)[failed]
-            self.unready[failed[~ready]] = instruction.leaf
+            self.failed[place] = int(failed[0])
+            ready = self.world.ready(self.program.leaves[number], self.states)[failed]
+            self.unready[failed[~ready]] = number
         return failed
 
     def _answer(self, number: int) -> Bools:
@@ -174,15 +240,18 @@ def prove(
     at_once: bool = True,
     *,
     levels: int,
+    things: Things = NO_THINGS,
 ) -> Certificate:
     """Check a tree from every abstract state, or, where there are too many (`parameters`), from some of them.
 
     States that are only reached from others are checked with them. The tree is taken at its word that its SUCCESS is
     the goal, unless `task` is given: a node that, ticked, says SUCCESS where the task is done. Then the tree may say so
     only there; and, if `at_once`, must. At most `levels` things lie upon one: as many as the tree is made to take down.
+    `things` are all that may be in the way.
     """
     root = tree.flattened()
-    world = AbstractWorld(base_frame, *([root, task] if task else [root]), levels=levels, parameters=parameters)
+    roots = [root, task] if task else [root]
+    world = AbstractWorld(base_frame, *roots, levels=levels, parameters=parameters, things=things)
     return Arena(world, rng).prove(root, task, at_once)
 
 

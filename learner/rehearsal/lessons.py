@@ -1,8 +1,7 @@
 """What a rehearsal teaches the planner: each failed rollout is a counterexample, and most tell what was missing.
 
-- Placing fails upon contact with something where no condition looks: there it occupies the place (`widened`).
-- Placing fails upon contact with something that already lies where it belongs, or something is placed again and again
-  upon what is still to be moved: the order is wrong (`before`).
+Where placing fails upon contact with something that already lies where it belongs, or something is placed again and
+again upon what is still to be moved, the order is wrong (`before`).
 
 A radius is none of them: it is as wide already as the spread of the demonstrations and what must be told apart allow.
 What does not come to rest within it in a simulation says that the simulation is wrong, or the task is not understood.
@@ -11,8 +10,8 @@ What does not come to rest within it in a simulation says that the simulation is
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 from learner.inference.targets import Target
@@ -62,11 +61,6 @@ def candidates(
     return found
 
 
-def _sensible(pairs: Set[tuple[Target, str]]) -> frozenset[tuple[Target, str]]:
-    """Without what is placed itself, and what it is placed upon."""
-    return frozenset((target, name) for target, name in pairs if name not in (target.object, target.frame))
-
-
 class Lessons:
     """Proposes repairs for the failures of one plan.
 
@@ -87,19 +81,9 @@ class Lessons:
         self.known = NOTHING
 
     def of(self, failures: Sequence[RolloutResult], known: Repairs = NOTHING) -> Sequence[Repairs]:
-        """The repairs that failed runs of a tree speak for, which was made with those `known`.
-
-        First with what holds of one object and place taken to hold of all objects that are alike and all places in the
-        same frame, then of the one place only, then as it was seen.
-        """
+        """The repairs that failed runs of a tree speak for, which was made with those `known`."""
         seen = self._seen(failures, known)
-        here = {(target, other) for target, name in seen.widened for other in self._alike(name)}
-        there = {(other, name) for target, name in here for other in self.placements if other.frame == target.frame}
-        return [replace(seen, widened=seen.widened | _sensible(pairs)) for pairs in (there, here, set())]
-
-    def _alike(self, name: str) -> list[str]:
-        size = self.bodies[name].shape.size_m
-        return [other for other, body in self.bodies.items() if body.shape.size_m == size]
+        return [] if seen == NOTHING else [seen]
 
     def _seen(self, failures: Sequence[RolloutResult], known: Repairs) -> Repairs:
         found, self.known = NOTHING, known
@@ -115,11 +99,9 @@ class Lessons:
                 yield from (self._contact(target, met, result) for target in self._targets(name, frame))
 
     def _contact(self, target: Target, met: str, result: RolloutResult) -> Repairs:
-        """What is met lies where it belongs, and came too early; or it is in the way."""
+        """What is met lies where it belongs, and came too early."""
         own = [t for t in self.placements if t.object == met and self._lies_at(t, result)]
-        if own:
-            return Repairs(before=frozenset((target, other) for other in own))
-        return Repairs(widened=frozenset({(target, met)}))
+        return Repairs(frozenset((target, other) for other in own))
 
     def _lies_at(self, target: Target, result: RolloutResult) -> bool:
         relations = (relation for goal in self.goals for relation in goal.relations)
@@ -134,7 +116,7 @@ class Lessons:
                 if placed[target.object, target.frame] >= self.parameters.often:
                     under = {target.frame, *(target.upon or ())[:1]}
                     later = [other for other in order[place + 1 :] if other.object in under]
-                    yield Repairs(before=frozenset((other, target) for other in later))
+                    yield Repairs(frozenset((other, target) for other in later))
 
     def _targets(self, name: str, frame: str) -> list[Target]:
         return [target for target in self.placements if (target.object, target.frame) == (name, frame)]

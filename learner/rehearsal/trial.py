@@ -24,6 +24,7 @@ from learner.rehearsal.rehearsal import Rehearsal, RolloutResult, rehearse
 from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
 from learner.rehearsal.users import success_without
+from learner.relations.things import NO_THINGS
 
 
 def certify(learned: Learned, base_frame: str) -> Learned:
@@ -113,13 +114,13 @@ class _Trial:
 
     def _completed(self, candidate: Candidate, certificate: Certificate | None = None) -> _Tried:
         certificate = certificate or _certificate(self.first, candidate.tree, self.stage.base)
-        return _Tried(candidate, certificate, replay(candidate.tree, self.stage, self.goals))
+        return _Tried(candidate, certificate, replay(candidate.tree, self.stage, self.goals, self.first.grasps))
 
     def _made(self, repairs: Repairs) -> Tree:
         return self.draft.tree(repairs)
 
     def _rehearsed(self, tree: Tree) -> Rehearsal:
-        return rehearse(tree, self.stage, self.goals(self.stage))
+        return rehearse(tree, self.stage, self.goals(self.stage), grasps=self.first.grasps)
 
     def _proposed(self, failures: Sequence[RolloutResult], known: Repairs) -> Sequence[Repairs]:
         return self._lessons.of(failures, known) if self.first.draft else ()
@@ -137,9 +138,10 @@ class _Trial:
 
 def _certificate(learned: Learned, tree: Tree, base_frame: str) -> Certificate:
     """The proof that the tree reaches what it says, and, where there is a draft, that this is the draft's goal."""
-    goal, numbers = learned.draft.goal if learned.draft else None, learned.parameters
+    draft, numbers = learned.draft, learned.parameters
+    goal, things = (draft.goal, draft.things) if draft else (None, NO_THINGS)
     rng, levels = np.random.default_rng(0), numbers.planning.recovery.levels
-    return prove(tree, base_frame, rng, goal, numbers.proof, at_once=False, levels=levels)
+    return prove(tree, base_frame, rng, goal, numbers.proof, at_once=False, levels=levels, things=things)
 
 
 def _unproven(certificate: Certificate) -> tuple[str, ...]:

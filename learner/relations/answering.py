@@ -54,6 +54,7 @@ class Answering:
     def __init__(self, scene: Scene | None = None, knowledge: Knowledge = UNKNOWING) -> None:
         self.scene, self.places = scene or NOTHING, knowledge.places
         self.grasping = Grasping(knowledge.grasps, self.scene)
+        self._last: _Search | None = None
 
     def holds(self, word: SignalIs | CountAt, seen: Seen) -> bool:
         """Whether a condition holds."""
@@ -64,7 +65,9 @@ class Answering:
 
     def find(self, word: Query, seen: Seen) -> dict[str, Value] | None:
         """What a query writes, by its output ports; None if it fails."""
-        return _Search(self, seen).find(word)
+        if self._last is None or self._last.seen is not seen:  # several are asked in one tick
+            self._last = _Search(self, seen)
+        return self._last.find(word)
 
     def _of_kind(self, kind: str, seen: Seen) -> list[str]:
         return sorted(name for name in seen.poses if name in self.scene.objects and self._kind(name) == kind)
@@ -126,7 +129,8 @@ class _Search:
         frame = self.seen.frame(word.frame)
         if frame is None:
             return None
-        return self.lying.in_the_way(word.object, word.frame, position_of(frame, word.position))
+        movable = self.asked.grasping.graspable(self.lying.blocks)
+        return self.lying.in_the_way(word.object, word.frame, position_of(frame, word.position), movable)
 
     def _spot(self, name: str) -> Pose | None:
         if name != self.seen.held or self.seen.hand is None or name not in self.seen.poses:

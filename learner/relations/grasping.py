@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -52,6 +52,11 @@ class Grasping:
     def __init__(self, grasps: Sequence[Grasp], scene: Scene) -> None:
         self.grasps, self.scene = grasps, scene
         self._failed: dict[str, tuple[Vector, list[Pose]]] = {}
+        self._known: dict[str, list[Pose]] = {}
+
+    def graspable(self, names: Iterable[str]) -> set[str]:
+        """Those of some objects that somebody knows how to grasp; all, where nobody knows it of any."""
+        return {name for name in names if not self.grasps or self.of(name)}
 
     def next(self, name: str, at: Pose) -> Pose | None:
         """The next grasp of an object that is at a pose in the base; None once all have failed there."""
@@ -59,15 +64,20 @@ class Grasping:
         if math.dist(where, at.position) > MOVED_M:
             del self._failed[name]
             failed = []
-        return next((pose for pose in self._of(name) if pose not in failed), None)
+        return next((pose for pose in self.of(name) if pose not in failed), None)
 
     def failed(self, name: str, at: Pose, grasp: Pose) -> None:
         """A Pick of an object at a pose in the base has failed with a grasp."""
         _, poses = self._failed.setdefault(name, (at.position, []))
         poses.append(grasp)
 
+    def of(self, name: str) -> list[Pose]:
+        """Those of an object: its own, then those of its kind, then those of the nearest size."""
+        if name not in self._known:
+            self._known[name] = self._of(name)
+        return self._known[name]
+
     def _of(self, name: str) -> list[Pose]:
-        """Those of the object, then those of its kind, then those of the nearest size."""
         shape = self.scene.objects.get(name)
         own = [grasp.pose for grasp in self.grasps if grasp.object == name]
         kind = [grasp.pose for grasp in self.grasps if shape and shape.kind and grasp.kind == shape.kind]

@@ -22,8 +22,6 @@ OVERLAP_M: Final = 0.008
 """Outlines that overlap by no more than this may stand beside each other [m]: noise, and turns that are seen wrong."""
 SLENDER: Final = 0.4
 """... or by this share of the narrower side, where that is less."""
-SKEWED_M: Final = 0.005
-"""Of two things that share a place, the one whose middle is higher by more than this lies upon the other [m]."""
 UNTOLD: Final = ObjectShape((0.02, 0.02, 0.02))
 """The room that an object needs of which no scene tells the size."""
 
@@ -46,7 +44,7 @@ class Lying:
         return {name: block_of(name, self.poses[name], self.scene.objects[name].size_m) for name in known}
 
     def upon(self, name: str) -> list[str]:
-        """What lies directly upon an object; what lies in an open one does not lie upon it."""
+        """What lies directly upon an object: over its outline, above its middle. What lies in an open one does not."""
         under = self.blocks.get(name)
         if under is None:
             return []
@@ -55,9 +53,7 @@ class Lying:
     def _lies_upon(self, block: Block, under: Block) -> bool:
         if block.bottom > under.top + GAP_M or not _share(block, under):
             return False
-        if self.scene.objects[under.name].open:
-            return block.bottom > under.top - GAP_M
-        return _middle(block) > _middle(under) + SKEWED_M
+        return block.bottom > (under.top - GAP_M if self.scene.objects[under.name].open else _middle(under))
 
     def topmost(self, name: str) -> str | None:
         """The highest of all that lies upon an object, directly or not; None if nothing does."""
@@ -76,16 +72,17 @@ class Lying:
             return None
         return highest
 
-    def in_the_way(self, name: str, frame: str, place: Pose) -> str | None:
+    def in_the_way(self, name: str, frame: str, place: Pose, movable: Set[str]) -> str | None:
         """The topmost of what takes the room that an object needs to come down to a place in a frame.
 
         `place` is the pose in the base at which its origin shall rest. Its outline is taken as its narrower side,
         square to the frame, since a place says nothing of turns. What is fixed cannot be put aside, the frame's own
-        object belongs there, and what is open is entered.
+        object belongs there, what is open is entered, and what is not `movable` cannot be put aside.
         """
         room = self._room(name, place)
         belonging = {name, *objects_of(frame)}
-        blocking = [other for other, block in self.blocks.items() if self._blocks(block, room, belonging)]
+        others = {other: block for other, block in self.blocks.items() if other in movable}
+        blocking = [other for other, block in others.items() if self._blocks(block, room, belonging)]
         highest = max(blocking, key=lambda other: (self.blocks[other].top, other), default=None)
         return None if highest is None else self.topmost(highest) or highest
 

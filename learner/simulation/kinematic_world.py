@@ -165,6 +165,8 @@ class KinematicWorld:
         self._answering = Answering(self._scene(), self.knowledge)
         self._under_way: _UnderWay | None = None
         self._begun: dict[str, Sighting] = {}
+        self._answered_at: tuple[int, str, Vector] | None = None
+        self._last_answered: answering.Seen | None = None
         self._seen: dict[str, Sighting] = {}
         self._known_ports: dict[int, tuple[Node, Mapping[str, Value]]] = {}
         self._draws: Iterator[list[float]] = iter(())
@@ -205,13 +207,17 @@ class KinematicWorld:
         return self._answering.find(query_of(node), self._answered())
 
     def _answered(self) -> answering.Seen:
-        held = None if self._held_now == NONE else self._held_now
-        poses = {name: Pose(*self.see(name)) for name in self.table.spots}
-        return answering.Seen(poses, Pose(*self._hand), held, lambda frame: Pose(*self.see(frame)), self.signals)
+        """What was seen in this step, made once."""
+        now = self.steps, self._held_now, self.hand
+        if self._answered_at != now or self._last_answered is None:
+            held, poses = self._held_now, {name: Pose(*self.see(name)) for name in self.table.spots}
+            hand = Pose(self.hand, self.hand_xyzw)
+            self._answered_at = now
+            self._last_answered = answering.Seen(poses, hand, None if held == NONE else held, self._frame, self.signals)
+        return self._last_answered
 
-    @property
-    def _hand(self) -> Sighting:
-        return self.hand, self.hand_xyzw
+    def _frame(self, name: str) -> Pose:
+        return Pose(*self.see(name))
 
     def _scene(self) -> Scene:
         """What the robot knows of the bodies; nothing where it is told no sizes."""

@@ -137,12 +137,13 @@ def _request(arguments: argparse.Namespace) -> dict[str, Any]:
         "objects": [name for word in arguments.objects for name in word.split(",") if name],
         "base_frame": arguments.base_frame,
         "end_effector_frame": arguments.end_effector_frame,
-        **({"scene": _scene(arguments.scene)} if arguments.scene else {}),
+        **({"scene": scene_told(arguments.scene)} if arguments.scene else {}),
         **({"unseen_ok": True} if arguments.unseen_ok else {}),
     }
 
 
-def _scene(text: str) -> Any:
+def scene_told(text: str) -> Any:
+    """The JSON of an option, or of the file that it names by @FILE. Raises CommandError for what is none."""
     from pathlib import Path
 
     source = Path(text[1:]).read_text() if text.startswith("@") else text

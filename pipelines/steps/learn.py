@@ -162,6 +162,7 @@ def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]
         },
         "scene_known": _scene_known(choice),
         "scene": None if scene is None else scene.to_data(),
+        "grasps": [grasp.to_data() for grasp in learned.grasps],
         "certificate": learned.certificate,
         "report": learned.report,
         "notes": list(notes_of(choice, learned)),

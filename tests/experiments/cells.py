@@ -17,6 +17,7 @@ from learner.errors import LearnerError
 from learner.learning import METHODS
 from learner.model import Demonstration, Node
 from learner.parameters import Parameters
+from learner.relations.grasping import Grasp
 from learner.simulation.script import ScriptedMove
 
 from .demonstrator import crooked_markers, demonstrated
@@ -109,7 +110,7 @@ def compute(cell: Cell) -> dict[str, Any]:
         "frames": _frames(scenario, learned.report),
         "questions": len(learned.report.get("questions", ())),
         "notes": list(learned.notes),
-        "runs": [asdict(result) for result in _runs(cell, scenario, root)],
+        "runs": [asdict(result) for result in _runs(cell, scenario, root, learned.grasps)],
     }
 
 
@@ -139,14 +140,14 @@ def _as_good(script: Sequence[ScriptedMove], name: str, frame: str) -> bool:
     return False
 
 
-def _runs(cell: Cell, scenario: Scenario, root: Node) -> Iterator[Result]:
+def _runs(cell: Cell, scenario: Scenario, root: Node, grasps: Sequence[Grasp]) -> Iterator[Result]:
     (user, *_) = USERS[cell.users]
     markers = crooked_markers(sorted(scenario.objects), user) if user.crooked_rad else {}
     written = cell.scenario in SCENARIOS
     for number in range(cell.runs):
         name, when = KINDS[(number if written else number + cell.number * cell.runs) % len(KINDS)]
         seed = 100_000 * (cell.number + 1) + number
-        yield run(root, scenario, seed, DISTURBANCES.get(name), when, markers=markers)
+        yield run(root, scenario, seed, DISTURBANCES.get(name), when, markers=markers, grasps=grasps)
 
 
 class Keyed(Protocol):

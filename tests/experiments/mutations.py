@@ -19,6 +19,7 @@ from learner.model import Node, Tree
 from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.proof.abstract_world import AbstractWorld, Ints, States
 from learner.proof.prover import RUNNING, SUCCESS, Arena, Program, Ticks
+from learner.relations.things import NO_THINGS, Things
 
 MOST_ALIKE: Final = 60_000
 """Whether a mutant behaves otherwise is looked at in at most so many states, evenly taken from all of them."""
@@ -126,12 +127,13 @@ def teeth(
     recovery: bool = False,
     most: int | None = None,
     rng: np.random.Generator | None = None,
+    things: Things = NO_THINGS,
 ) -> Teeth:
     """Prove mutants of a tree that behave otherwise in the sound tree's own world: all, or `most` drawn at random.
 
     Raises ValueError if the tree itself is not proven: then nothing would be shown.
     """
-    judge = _Judge(tree, base_frame, failures)
+    judge = _Judge(tree, base_frame, failures, things)
     made = mutated(tree, recovery)
     if most is not None and len(made) > most:
         drawn = (rng or np.random.default_rng(0)).permutation(len(made))[:most]
@@ -144,9 +146,9 @@ def teeth(
 class _Judge:
     """Compares mutants with the sound tree."""
 
-    def __init__(self, tree: Tree, base_frame: str, failures: Trial) -> None:
+    def __init__(self, tree: Tree, base_frame: str, failures: Trial, things: Things) -> None:
         self.root, self.failures = tree.flattened(), failures
-        self.arena = Arena(AbstractWorld(base_frame, self.root, levels=5), np.random.default_rng(0))
+        self.arena = Arena(AbstractWorld(base_frame, self.root, levels=5, things=things), np.random.default_rng(0))
         if self.arena.prove(self.root).counterexample:
             raise ValueError(f"the tree {tree.main.id} is not sound itself")
         self.few = self.arena.among(_evenly(self.arena.starts, FIRST_LOOK))
@@ -161,11 +163,11 @@ class _Judge:
     def _decisions(self, root: Node) -> Ints:
         """For each of some states the status, and the number of the action begun (0: none)."""
         program = Program(root)
-        numbers = [self.numbers.setdefault(leaf, len(self.numbers) + 1) for leaf in program.leaves]
-        known = np.array([*numbers, 0])
         ticks = [
             Ticks(self.arena.world, states, program) for states in self.some.chunks(self.arena.world.parameters.chunk)
         ]
+        numbers = [self.numbers.setdefault(leaf, len(self.numbers) + 1) for leaf in program.leaves]
+        known = np.array([*numbers, 0])
         return np.concatenate([np.stack([tick.status, known[tick.action]]) for tick in ticks], axis=1)
 
     def proves(self, root: Node) -> bool:

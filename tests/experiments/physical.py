@@ -18,6 +18,7 @@ import numpy as np
 from learner.learning import METHODS
 from learner.model import Node
 from learner.parameters import Parameters
+from learner.relations.knowledge import Knowledge
 from learner.simulation.cell.arm_kinematics import reaches
 from learner.simulation.kinematic_world import Behavior
 from learner.simulation.physical_world import PhysicalWorld
@@ -78,30 +79,37 @@ def in_reach(name: str) -> Scenario:
 def compute_physical(cell: PhysicalCell) -> dict[str, Any]:
     """Learn, and run what can happen."""
     scenario = in_reach(cell.scenario)
-    root = learned_root(scenario, cell.number)
+    learned = learned_root(scenario, cell.number)
     runs = [
-        {"kind": kind, "run": number, **run_once(root, scenario, cell.number, kind, number)}
+        {"kind": kind, "run": number, **run_once(learned, scenario, cell.number, kind, number)}
         for kind in KINDS
         for number in range(cell.runs)
     ]
     return {**asdict(cell), "runs": [run for run in runs if run["happened"]]}
 
 
-def learned_root(scenario: Scenario, number: int) -> Node:
-    """The flattened tree of our method from the set of that number."""
+def learned_root(scenario: Scenario, number: int) -> tuple[Node, Knowledge]:
+    """The flattened tree of our method from the set of that number, and what it is answered by."""
     demonstrations = demonstrated(scenario, scenario.least, FIRST_SET + number)
-    return METHODS["treewright"](demonstrations, Parameters()).tree.flattened()
+    learned = METHODS["treewright"](demonstrations, Parameters())
+    root = learned.tree.flattened()
+    return root, Knowledge.of(root, learned.grasps)
 
 
-def run_once(root: Node, scenario: Scenario, cell: int, kind: str, number: int) -> dict[str, Any]:
+def run_once(learned: tuple[Node, Knowledge], scenario: Scenario, cell: int, kind: str, number: int) -> dict[str, Any]:
     """One run, as JSON: whether its disturbance could happen (`happened`), and what was done if it failed."""
     name, when = KINDS[kind][(RUNS * cell + number) % len(KINDS[kind])]
     disturbance = DISTURBANCES.get(name)
     seed = 1000 * (cell + 1) + number
     rng = np.random.default_rng([seed, *kind.encode()])
+    root, knowledge = learned
     behavior = Behavior(failing=disturbance.failing if disturbance else 0.0, opens_on_loss=bool(rng.integers(2)))
     with PhysicalWorld(
-        scenario.objects, scenario.draw_start(np.random.default_rng(seed)), rng, behavior=behavior
+        scenario.objects,
+        scenario.draw_start(np.random.default_rng(seed)),
+        rng,
+        behavior=behavior,
+        knowledge=knowledge,
     ) as world:
         result = judge(root, world, scenario, seed, rng, disturbance, when, STEPS_PER_ACTION)
         happened = disturbance is None or disturbance.happen is None or result.disturbed is not None

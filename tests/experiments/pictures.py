@@ -17,6 +17,7 @@ from matplotlib.patches import Polygon
 from learner.execution.ticking import Status, Ticker
 from learner.learning import learn
 from learner.model.upright import Spot
+from learner.relations.knowledge import Knowledge
 from learner.simulation.kinematic_world import WORKSPACE_M, KinematicWorld
 
 from . import report
@@ -139,10 +140,13 @@ def filmstrip(seed: int = 3, count: int = 8) -> Figure:
     """One run of the learned tree, a view after each release."""
     scenario = SCENARIOS["tower_and_box"]
     rng = np.random.default_rng(seed)
-    world = KinematicWorld(scenario.objects, scenario.draw_start(rng), rng)
+    learned = learn(demonstrated(scenario, 5, seed))
+    root = learned.tree.flattened()
+    world = KinematicWorld(
+        scenario.objects, scenario.draw_start(rng), rng, knowledge=Knowledge.of(root, learned.grasps)
+    )
     wrong_tower(world, scenario, rng)
-    tree = learn(demonstrated(scenario, 5, seed)).tree
-    frames = _views(world, Ticker(tree.flattened(), world))
+    frames = _views(world, Ticker(root, world))
     shown = [frames[round(index)] for index in np.linspace(0, len(frames) - 1, min(count, len(frames)))]
     figure, axes = plt.subplots(2, math.ceil(len(shown) / 2), figsize=(9, 4))
     for axis in axes.flat:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,10 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from learner.learned import Learned
 from learner.learning import METHODS
-from learner.model import Node, Tree
+from learner.model import Node
 from learner.parameters import Parameters
 from learner.proof.prover import Certificate, prove
+from learner.relations.grasping import Grasp
+from learner.relations.things import NO_THINGS, Things
 
 from .cells import KINDS, kept
 from .demonstrator import demonstrated
@@ -64,9 +67,9 @@ def proofs_table(names: Iterable[str], folder: Path, jobs: int) -> str:
 def compute_proof(cell: Proven) -> dict[str, Any]:
     """The rows of a task, and its mutants that are worse and not refused, in words."""
     scenario = SCENARIOS[cell.scenario]
-    tree = METHODS["treewright"](demonstrated(scenario, scenario.least, SET), Parameters()).tree
-    proven = prove(tree, BASE, np.random.default_rng(0), levels=5)
-    bitten = list(_bitten(scenario, tree, proven))
+    learned = METHODS["treewright"](demonstrated(scenario, scenario.least, SET), Parameters())
+    proven = prove(learned.tree, BASE, np.random.default_rng(0), levels=5, things=_things(learned))
+    bitten = list(_bitten(scenario, learned, proven))
     return {
         "scenario": cell.scenario,
         "rows": [(f"{cell.scenario}{part}", *_proof(proven), *_counts(found)) for part, found in bitten],
@@ -74,12 +77,17 @@ def compute_proof(cell: Proven) -> dict[str, Any]:
     }
 
 
-def _bitten(scenario: Scenario, tree: Tree, proven: Certificate) -> Iterator[tuple[str, Teeth | None]]:
+def _bitten(scenario: Scenario, learned: Learned, proven: Certificate) -> Iterator[tuple[str, Teeth | None]]:
     """The mutants of the tree, and of its SubTrees that only recover; none if it is not proven itself."""
     most, rounds = (MOST_OF_LARGE, ROUNDS_OF_LARGE) if proven.states > LARGE else (MOST, ROUNDS)
     for part, recovery in (("", False), (", recovery", True)):
         sound = proven.counterexample is None
-        yield part, teeth(tree, BASE, failures(scenario, rounds), recovery, most) if sound else None
+        runs = failures(scenario, rounds, learned.grasps)
+        yield part, teeth(learned.tree, BASE, runs, recovery, most, _things(learned)) if sound else None
+
+
+def _things(learned: Learned) -> Things:
+    return learned.draft.things if learned.draft else NO_THINGS
 
 
 def _proof(proven: Certificate) -> tuple[object, ...]:
@@ -93,13 +101,13 @@ def _counts(found: Teeth | None) -> tuple[object, ...]:
     return found.made, found.different, found.caught, len(found.passed) - len(found.missed), len(found.missed)
 
 
-def failures(scenario: Scenario, rounds: int = ROUNDS) -> Trial:
+def failures(scenario: Scenario, rounds: int = ROUNDS, grasps: Sequence[Grasp] = ()) -> Trial:
     """How many of the runs of a scenario, the same for every tree, a tree fails."""
 
     @cache
     def failed(root: Node) -> tuple[int, int]:
         results = [
-            run(root, scenario, number, DISTURBANCES.get(name), when)
+            run(root, scenario, number, DISTURBANCES.get(name), when, grasps=grasps)
             for number, (name, when) in enumerate(KINDS * rounds)
         ]
         return sum(not result.success for result in results), len(results)

@@ -87,7 +87,7 @@ def compared(learned: Learned, demonstrations: Sequence[Demonstration]) -> Resul
 
 def _rehearsed(tree: Tree, draft: Draft, stage: Stage, seeds: Iterable[int]) -> Iterator[Rehearsal]:
     goals = goals_of(draft.understood.groups, draft.placements, stage)
-    return (rehearse(tree, stage, goals, seed) for seed in seeds)
+    return (rehearse(tree, stage, goals, seed, draft.grasps) for seed in seeds)
 
 
 def _failing(rehearsals: Iterable[Rehearsal]) -> int:

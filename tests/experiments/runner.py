@@ -9,7 +9,7 @@ says SUCCESS for a second while the task is not done.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -18,6 +18,8 @@ import numpy as np
 from learner.execution.ticking import Status, Ticker
 from learner.model import Node, Tree
 from learner.model.pose import Quaternion
+from learner.relations.grasping import Grasp
+from learner.relations.knowledge import Knowledge
 from learner.simulation.arena import Arena
 from learner.simulation.kinematic_world import PERIOD_S, Behavior, KinematicWorld, Noise
 
@@ -65,12 +67,16 @@ def run(
     when: When = "progress",
     noise: Noise | None = None,
     markers: Mapping[str, Quaternion] | None = None,
+    grasps: Sequence[Grasp] = (),
 ) -> Result:
     """Run a tree in the kinematic world from a random start (drawn from `seed` alone) until the verdict."""
     rng = np.random.default_rng([seed, 1])
     spots = scenario.draw_start(np.random.default_rng(seed))
     behavior = Behavior(failing=disturbance.failing if disturbance else 0.0, opens_on_loss=bool(rng.integers(2)))
-    world = KinematicWorld(scenario.objects, spots, rng, noise or Noise(), markers=markers or {}, behavior=behavior)
+    known = Knowledge.of(tree.flattened() if isinstance(tree, Tree) else tree, grasps)
+    world = KinematicWorld(
+        scenario.objects, spots, rng, noise or Noise(), markers=markers or {}, behavior=behavior, knowledge=known
+    )
     return judge(tree, world, scenario, seed, rng, disturbance, when)
 
 

@@ -20,18 +20,21 @@ from experiments.scenarios import SCENARIOS
 
 from learner.model import GripperIs, Node
 from learner.model.tree import leaf
+from learner.relations.knowledge import UNKNOWING, Knowledge
 from learner.simulation.cell.arm_kinematics import reaches
 
 
 @pytest.fixture(scope="module")
-def root() -> Node:
+def learned() -> tuple[Node, Knowledge]:
     """Learned from three demonstrations."""
     return learned_root(in_reach("tower_and_box"), 0)
 
 
 @pytest.mark.parametrize("kind", ["nothing", "taken", "moved", "box moved", "on top, on a goal"])
-def test_a_learned_tree_builds_the_tower_and_fills_the_box_whatever_happens(root: Node, kind: str) -> None:
-    run = run_once(root, in_reach("tower_and_box"), 0, kind, 0)
+def test_a_learned_tree_builds_the_tower_and_fills_the_box_whatever_happens(
+    learned: tuple[Node, Knowledge], kind: str
+) -> None:
+    run = run_once(learned, in_reach("tower_and_box"), 0, kind, 0)
     assert run["happened"]
     assert run["verdict"] == "done", run["attempts"]
     assert run["actions"] <= run["budget"]
@@ -39,7 +42,7 @@ def test_a_learned_tree_builds_the_tower_and_fills_the_box_whatever_happens(root
 
 
 def test_a_tree_that_does_nothing_is_found_out() -> None:
-    run = run_once(leaf(GripperIs("open")), in_reach("tower_and_box"), 0, "nothing", 0)
+    run = run_once((leaf(GripperIs("open")), UNKNOWING), in_reach("tower_and_box"), 0, "nothing", 0)
     assert run["verdict"] == "false success"
     assert run["attempts"] == []
 

@@ -12,6 +12,7 @@ from experiments.mutations import teeth
 from experiments.proofs import failures
 from experiments.scenarios import SCENARIOS
 
+from learner.learned import Learned
 from learner.learning import METHODS, learn
 from learner.model import Definition, Drop, GripperIs, InGripper, Node, ObjectRoughlyAt, Pick, Place, SetGripper, Tree
 from learner.model.tree import fallback, leaf, sequence
@@ -19,6 +20,7 @@ from learner.parameters import Parameters
 from learner.proof.abstract_world import AbstractWorld
 from learner.proof.parameters import ProofParameters
 from learner.proof.prover import Keys, prove
+from learner.relations.things import Things
 
 LEVELS = 5
 """So many things upon one the planner takes down."""
@@ -73,12 +75,19 @@ def test_a_tower_that_cannot_be_taken_down_is_refuted() -> None:
     assert "F at D" in found
 
 
+def things_of(learned: Learned) -> Things:
+    assert learned.draft is not None
+    return learned.draft.things
+
+
 def test_beyond_the_limit_a_seeded_sample_is_checked_and_the_certificate_says_so() -> None:
     scenario = SCENARIOS["tower_and_box"]
-    tree = learn(demonstrated(scenario, scenario.least, 31)).tree
-    whole = prove(tree, "base", np.random.default_rng(0), levels=LEVELS)
+    learned = learn(demonstrated(scenario, scenario.least, 31))
+    tree, things = learned.tree, things_of(learned)
+    whole = prove(tree, "base", np.random.default_rng(0), levels=LEVELS, things=things)
     few = ProofParameters(exhaustive=100, sampled=50)
-    samples = [prove(tree, "base", np.random.default_rng(0), parameters=few, levels=LEVELS) for _ in range(2)]
+    rngs = [np.random.default_rng(0) for _ in range(2)]
+    samples = [prove(tree, "base", rng, parameters=few, levels=LEVELS, things=things) for rng in rngs]
     assert samples[0] == samples[1]
     assert whole.bound is not None
     assert samples[0].bound is not None
@@ -88,10 +97,12 @@ def test_beyond_the_limit_a_seeded_sample_is_checked_and_the_certificate_says_so
 
 def test_a_sample_is_of_different_states_that_are_all_possible() -> None:
     scenario = SCENARIOS["towers"]
-    root = learn(demonstrated(scenario, scenario.least, 31)).tree.flattened()
-    world = AbstractWorld("base", root, levels=LEVELS)
+    learned = learn(demonstrated(scenario, scenario.least, 31))
+    root, things = learned.tree.flattened(), things_of(learned)
+    world = AbstractWorld("base", root, levels=LEVELS, things=things)
     whole, every = world.states(np.random.default_rng(0))
-    few = AbstractWorld("base", root, levels=LEVELS, parameters=ProofParameters(exhaustive=5000, sampled=1000))
+    numbers = ProofParameters(exhaustive=5000, sampled=1000)
+    few = AbstractWorld("base", root, levels=LEVELS, parameters=numbers, things=things)
     some, rest = few.states(np.random.default_rng(0))
     keys = Keys(world)
     assert (every, rest) == (True, False)
@@ -131,18 +142,23 @@ def test_a_tree_that_forgets_a_part_of_what_was_demonstrated_is_refuted(name: st
     scenario = SCENARIOS[name]
     learned = METHODS["treewright"](demonstrated(scenario, scenario.least, 31), Parameters())
     assert learned.draft is not None
-    main, rng = learned.tree.main, np.random.default_rng(0)
+    main, rng, things = learned.tree.main, np.random.default_rng(0), things_of(learned)
     forgetful = Tree(replace(main, root=replace(main.root, children=main.root.children[:-1])), learned.tree.subtrees)
-    assert prove(learned.tree, "base", rng, learned.draft.goal, at_once=False, levels=LEVELS).counterexample is None
-    assert prove(forgetful, "base", rng, levels=LEVELS).counterexample is None
-    found = prove(forgetful, "base", rng, learned.draft.goal, at_once=False, levels=LEVELS).counterexample
-    assert "it ends before the task is done" in str(found)
+    goal = learned.draft.goal
+    sound, own, wrong = (
+        prove(tree, "base", rng, goal, at_once=False, levels=LEVELS, things=things).counterexample
+        for tree, goal in ((learned.tree, goal), (forgetful, None), (forgetful, goal))
+    )
+    assert (sound, own) == (None, None)
+    assert "it ends before the task is done" in str(wrong)
 
 
 @pytest.mark.parametrize("name", ["object_in_box", "left_and_right", "placed_twice", "two_goals"])
 def test_hardly_a_worse_tree_made_on_purpose_is_proven(name: str) -> None:
     scenario = SCENARIOS[name]
-    found = teeth(learn(demonstrated(scenario, scenario.least, 31)).tree, "base", failures(scenario, rounds=1))
+    learned = learn(demonstrated(scenario, scenario.least, 31))
+    runs = failures(scenario, rounds=1, grasps=learned.grasps)
+    found = teeth(learned.tree, "base", runs, things=things_of(learned))
     assert found.different >= 10
     assert found.caught >= 0.9 * found.different
     assert found.share >= 0.95

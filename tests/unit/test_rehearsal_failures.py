@@ -7,9 +7,10 @@ import pytest
 from support_demonstrations import Put, repeated
 
 from learner.learning import METHODS
-from learner.model import ObjectShape
+from learner.model import ObjectAt, ObjectShape
 from learner.model.upright import Spot
 from learner.parameters import Parameters
+from learner.rehearsal.goal import Goal
 from learner.rehearsal.lessons import Lessons
 from learner.rehearsal.rehearsal import RolloutResult
 from learner.rehearsal.rollouts import Rollout
@@ -38,16 +39,17 @@ def test_six_equal_failures_under_noise_count_as_six() -> None:
     )
 
 
-def test_a_contact_that_happens_often_is_a_lesson_wherever_the_hand_was() -> None:
-    script = [Put("A", "B", (0.0, 0.0, 0.05))]
-    demonstrations = repeated(["A", "B"], [script] * 3)
-    draft = METHODS["treewright"](demonstrations, Parameters()).draft
+def test_a_contact_that_happens_often_with_what_lies_where_it_belongs_tells_the_order() -> None:
+    script = [Put("B", "base", (0.4, 0.1, 0.025)), Put("A", "B", (0.0, 0.0, 0.05))]
+    draft = METHODS["treewright"](repeated(["A", "B"], [script] * 3), Parameters()).draft
     assert draft
-    lessons = Lessons(draft.placements, draft.orders, [], dict.fromkeys("ABC", CUBE))
-    met = [Failure("contact", with_="C", left_m=0.01 * left) for left in range(3)]
-    taught = lessons.of([result(*met)])[-1]
-    assert {(target.object, name) for target, name in taught.widened} == {("A", "C")}
-    assert lessons.of([result(*met[:2])])[-1].widened == frozenset()
+    goal = Goal((ObjectAt("B", "base", (0.4, 0.1, 0.025), 0.05),))
+    lessons = Lessons(draft.placements, draft.orders, [goal], dict.fromkeys("ABC", CUBE))
+    met, other = ([Failure("contact", with_=name, left_m=0.01 * left) for left in range(3)] for name in "BC")
+    (taught,) = lessons.of([result(*met)])
+    assert {(a.object, b.object) for a, b in taught.before} == {("A", "B")}
+    assert lessons.of([result(*met[:2])]) == []
+    assert lessons.of([result(*other)]) == []
 
 
 def test_failures_of_another_kind_or_with_another_thing_are_told_apart() -> None:

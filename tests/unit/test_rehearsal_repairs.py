@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -20,8 +20,6 @@ from learner.model import Demonstration, ObjectAt, Place, Tree
 from learner.model.upright import Spot
 from learner.parameters import Parameters
 from learner.planning.draft import Draft, in_order
-from learner.planning.occupations import Occupation, Occupations
-from learner.planning.recovery import PileRecovery
 from learner.planning.repairs import NOTHING, Repairs
 from learner.planning.synthesis import main_id, tree_of
 from learner.rehearsal.goal import Goal, goals_of, holds
@@ -35,29 +33,15 @@ from learner.simulation.gravity import Body
 PARAMETERS = Parameters()
 
 
-class Unseeing(Occupations):
-    """Sees what occupies a place only where it was told to look wider."""
-
-    def of(self, target: Target) -> Sequence[Occupation]:
-        return [condition for condition in super().of(target) if (target, condition.object) in self.widened]
-
-
 @dataclass(frozen=True)
 class Weakened(Draft):
     """A draft that makes the tree worse than it should be, until it is repaired."""
 
-    unseeing: bool = False
     backwards: bool = False
 
     def tree(self, repairs: Repairs = NOTHING) -> Tree:
-        understood = self.understood
-        actions = self.actions
         groups = [replace(group, subgoals=in_order(group, repairs)) for group in self._groups()]
-        recovery = PileRecovery.of(understood.demonstrations, actions, understood.targets, repairs.widened)
-        if self.unseeing:
-            unseeing = Unseeing(recovery.obstacles, understood.targets, repairs.widened)
-            recovery = replace(recovery, occupations=unseeing)
-        return tree_of(main_id(understood.demonstrations), groups, actions, recovery)
+        return tree_of(main_id(self.understood.demonstrations), groups, self.actions, self.recovery(self.actions))
 
     def orders(self, repairs: Repairs = NOTHING) -> list[list[Target]]:
         return [[subgoal.target for subgoal in in_order(group, repairs)] for group in self._groups()]
@@ -85,14 +69,7 @@ def candidates_of(name: str, **weakness: bool) -> list[Candidate]:
     stage, draft, goals = setting(name)
     weak = Weakened(draft.understood, PARAMETERS.planning, {}, **weakness)
     lessons = Lessons(weak.placements, weak.orders, goals, stage.bodies)
-    return candidates(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals), lessons.of)
-
-
-def test_what_stands_in_the_way_unseen_is_found_and_seen_afterwards() -> None:
-    first, *_, last = candidates_of("board", unseeing=True)
-    assert any("contact with" in str(failure) for failure in first.rehearsal.failures)
-    assert last.repairs.widened
-    assert len(last.rehearsal.failures) < len(first.rehearsal.failures) / 2
+    return candidates(weak.tree(), weak.tree, lambda tree: rehearse(tree, stage, goals, grasps=weak.grasps), lessons.of)
 
 
 def test_an_order_in_which_one_placement_undoes_another_is_turned_round() -> None:
@@ -115,7 +92,7 @@ def test_an_attempt_that_is_no_better_is_not_kept() -> None:
     found = candidates(
         draft.tree(),
         lambda _: worse,
-        lambda tree: rehearse(tree, stage, goals),
+        lambda tree: rehearse(tree, stage, goals, grasps=draft.grasps),
         lambda *_: [Repairs(before=frozenset({(a, b)}))],
     )
     assert [attempt.tree for attempt in found] == [draft.tree()]
@@ -125,7 +102,7 @@ def test_success_that_the_truth_does_not_bear_out_is_a_false_success() -> None:
     stage, draft, goals = setting("tower_and_box")
     group = draft.understood.groups[0]
     shorter = replace(draft.understood, groups=(replace(group, subgoals=group.subgoals[:-1]),))
-    rehearsal = rehearse(Draft(shorter, PARAMETERS.planning, {}).tree(), stage, goals)
+    rehearsal = rehearse(Draft(shorter, PARAMETERS.planning, {}).tree(), stage, goals, grasps=draft.grasps)
     assert {result.judgement for result in rehearsal.results if result.rollout.kind == "shown"} == {"false success"}
     assert rehearsal.to_data()["false_successes"] > 0
 
@@ -133,7 +110,7 @@ def test_success_that_the_truth_does_not_bear_out_is_a_false_success() -> None:
 def test_a_tree_that_can_do_nothing_makes_no_progress() -> None:
     stage, draft, goals = setting("object_in_box")
     names = dict.fromkeys(draft.understood.targets, "nowhere")
-    rehearsal = rehearse(_out_of_reach(draft, names), stage, goals)
+    rehearsal = rehearse(_out_of_reach(draft, names), stage, goals, grasps=draft.grasps)
     assert "done" not in {result.judgement for result in rehearsal.results}
     assert "out of reach" in str(rehearsal.failures[0])
 
@@ -142,13 +119,12 @@ def _out_of_reach(draft: Draft, targets: Mapping[Target, str]) -> Tree:
     actions = draft.actions.with_placements(
         {target: replace(draft.placements[target], position=(9.0, 9.0, 0.1)) for target in targets}
     )
-    recovery = PileRecovery.of(draft.understood.demonstrations, actions, draft.understood.targets)
-    return tree_of("far", draft.understood.groups, actions, recovery)
+    return tree_of("far", draft.understood.groups, actions, draft.recovery(actions))
 
 
 def test_the_same_demonstrations_rehearse_the_same() -> None:
     stage, draft, goals = setting("decoy")
-    once, again = (rehearse(draft.tree(), stage, goals).to_data() for _ in range(2))
+    once, again = (rehearse(draft.tree(), stage, goals, grasps=draft.grasps).to_data() for _ in range(2))
     assert once == again
     assert Stage(demonstrations_of("decoy")[::1]).starts == stage.starts
 
@@ -156,7 +132,7 @@ def test_the_same_demonstrations_rehearse_the_same() -> None:
 def test_every_imagined_start_leaves_the_task_possible_and_is_not_done_yet() -> None:
     for name in ("board", "hanoi", "towers"):
         stage, draft, goals = setting(name)
-        picks = frozenset(str(node.port("object")) for node in draft.tree().flattened().walk() if node.kind == "Pick")
+        picks = frozenset(str(grasp.object) for grasp in draft.grasps)
         made = list(rollouts(stage, goals, picks))
         kinds = {rollout.kind for rollout in made}
         assert {"shown", "scattered", "partly", "taken", "moved"} <= kinds
@@ -184,8 +160,9 @@ def _rng() -> np.random.Generator:
 
 def test_a_tree_compiled_once_forgets_the_world_that_it_leaves() -> None:
     stage, draft, _ = setting("tower_and_box")
-    actor = Actor(stage.root(draft.tree().flattened()))
-    first, second = (stage.world(stage.starts[0].spots, _rng()) for _ in range(2))
+    root = stage.root(draft.tree().flattened())
+    actor = Actor(root, stage.knowledge(root, draft.grasps))
+    first, second = (stage.world(stage.starts[0].spots, _rng(), knowledge=actor.knowledge) for _ in range(2))
     ticker = actor.enter(first)
     for _ in range(25):
         ticker.tick()

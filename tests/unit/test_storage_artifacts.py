@@ -75,6 +75,7 @@ def test_a_published_tree_comes_back_with_its_manifest(store: ArtifactStore) -> 
         "digest": tree().digest,
         "end_effector_frame": None,
         "frames": ["A", "box"],
+        "leaves": ["Drop", "InGripper", "ObjectRoughlyAt", "Pick"],
         "nodes": 7,
         "nodes_recovery": 3,
         "nodes_written": 11,
