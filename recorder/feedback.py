@@ -21,7 +21,7 @@ from learner.model.stamps import Timeline
 from learner.observation import Freshness
 from recorder.clocks import THE_GRIPPER, clock_sentences
 from recorder.errors import PayloadError
-from recorder.intake.ledger import Loss
+from recorder.intake.account import Loss
 from recorder.notices import Notices
 from recorder.wire import ACTION, GRIPPER, NS, POSES, Sighting, parse_gripper, parse_sighting, parse_transforms
 

@@ -2,7 +2,9 @@
 
 zenoh.ext's AdvancedPublisher tells two things below `<key>/@adv/pub/<session>/<number>/…`: a liveliness token says
 that it is there, and a queryable gives what its cache still has (`_sn=first..last`, both included). A gap is asked for
-by its numbers; a publisher that has gone quiet is asked whether something came after its last sample.
+by its numbers; a publisher that has gone quiet is asked whether something came after its last sample. Answers to two
+questions overtake each other. Where a publisher may have begun anew, the last sample before is asked for too: another
+one under its number tells.
 
 Measured with 1.10.2, and the reasons for two choices: its counterpart, the AdvancedSubscriber, drops plain samples that
 overtake each other on a wildcard, and skips the cache of a publisher that comes late; and whoever subscribes to the
@@ -21,8 +23,8 @@ from typing import Final, Self
 
 import zenoh
 
+from recorder.intake.account import Source
 from recorder.intake.latched import Latched
-from recorder.intake.ledger import Source
 from recorder.intake.receiving import Receiver
 from recorder.wire import ADVANCED
 
@@ -50,6 +52,8 @@ class _Questions:
     """The number it was to use next when it was last looked at, since `quiet_since_s`."""
     quiet_since_s: float = 0.0
     quiet_asked: int = 0
+    returned: bool = False
+    """Whether it has come, perhaps another one under the same name, and was not asked for its last samples since."""
 
     def is_quiet(self, expected: int, now_s: float) -> bool:
         """Whether it is time to ask a publisher that says nothing."""
@@ -110,7 +114,8 @@ class Caches:
 
     def _unsettled(self) -> bool:
         with self._lock, self._receiver.lock:
-            busy = any(questions.busy for questions in self._questions.values()) or not self.latched.settled
+            questions = self._questions.values()
+            busy = any(each.busy or each.returned for each in questions) or not self.latched.settled
             return busy or any(source not in self._gone for source in self._receiver.ledger.open_gaps)
 
     # --- what publishers tell
@@ -153,8 +158,8 @@ class Caches:
             for gap in ledger.open_gaps.get(source, ()):
                 gap.asked = 0
         if known:
-            self._ask_tail(topic, source, 1)
-            self._ask(topic, source, "_max=1", self._receiver.receive_cached, lambda _: None)
+            self._note_return(topic, source)
+            self._ask_tail(topic, source)
         else:
             self._ask_newest(topic, source)
         self._wake.set()
@@ -164,12 +169,26 @@ class Caches:
     def _run(self) -> None:
         while not self._stopping.is_set():
             self._ask_for_gaps()
+            self._ask_the_returned()
             if self._receiver.recording:
                 self._ask_the_quiet()
                 self.latched.keep()
             self._wake.wait(PATIENCE_S)
             self._wake.clear()
             self._stopping.wait(PATIENCE_S)
+
+    def _note_return(self, topic: str, source: Source) -> None:
+        with self._lock:
+            self._questions.setdefault(source, _Questions(topic)).returned = True
+
+    def _ask_the_returned(self) -> None:
+        """Ask those who could not be asked when they came, because they were being asked for something else."""
+        with self._lock:
+            returned = [
+                (source, questions.topic) for source, questions in self._questions.items() if questions.returned
+            ]
+        for source, topic in returned:
+            self._ask_tail(topic, source)
 
     def _ask_the_quiet(self) -> None:
         now_s = time.monotonic()
@@ -189,7 +208,8 @@ class Caches:
                 due = not questions.busy and time.monotonic() >= questions.due_s and source not in self._gone
                 questions.busy = questions.busy or due
             if due:
-                self._ask(topic, source, f"_sn={first}..{last}", self._receiver.receive_cached, self._answered)
+                before = max(first - 1, 0)
+                self._ask(topic, source, f"_sn={before}..{last}", self._receiver.receive_cached, self._answered)
 
     def _answered(self, source: Source) -> None:
         """The cache has given what it has."""
@@ -204,16 +224,22 @@ class Caches:
             questions.busy = False
             questions.due_s = time.monotonic() + (AGAIN_S[min(asked, len(AGAIN_S)) - 1] if asked else 0.0)
 
-    def _ask_tail(self, topic: str, source: Source, again: int = 0) -> None:
-        """Ask for what came after the last number, and for so many before that `again`: a publisher that has begun
-        anew has other samples under them."""
+    def _ask_tail(self, topic: str, source: Source) -> None:
+        """Ask for what came after the last sample; of a publisher that has come again, for that one too, and for its
+        newest: it may not have come so far yet."""
         with self._lock, self._receiver.lock:
             questions = self._questions.setdefault(source, _Questions(topic))
             if questions.busy:
                 return
-            questions.busy = True
-            first = max(self._receiver.ledger.expected(source) - again, 0)
-        self._ask(topic, source, f"_sn={first}..", self._receiver.receive_cached, self._free)
+            first = max(self._receiver.ledger.expected(source) - questions.returned, 0)
+            done = self._ask_last if questions.returned else self._free
+            questions.busy, questions.returned = True, False
+        self._ask(topic, source, f"_sn={first}..", self._receiver.receive_cached, done)
+
+    def _ask_last(self, source: Source) -> None:
+        with self._lock:
+            topic = self._questions[source].topic
+        self._ask(topic, source, "_max=1", self._receiver.receive_cached, self._free)
 
     def _ask_newest(self, topic: str, source: Source) -> None:
         def heard(sample: zenoh.Sample) -> None:

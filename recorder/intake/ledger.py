@@ -2,100 +2,15 @@
 
 A publisher that numbers its samples makes every loss countable; one that does not makes losses unknowable, and the
 ledger says so (`None`) instead of saying nothing was lost.
-
-A publisher that is started again under the same id numbers its samples from 0 again. It is told from samples that
-arrive twice by the moment of publication: the same number with another stamp is another sample.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from itertools import islice
-from typing import Final
+from collections.abc import Iterable
+from dataclasses import replace
 
-Source = tuple[str, int]
-"""A publisher: the id of its session and its number there."""
-_WRAP: Final = 1 << 32
-"""Sequence numbers are 32 bits wide and begin anew after the last."""
-_MEMORY: Final = 1024
-"""Of so many of a source's last samples the stamps are remembered."""
-_LONGEST_GAP: Final = 1 << 24
-"""More was never missing at once: numbers that jump further have begun anew."""
-_MOST_GAPS: Final = 1024
-"""So many separate gaps of a source are kept apart; beyond that the two oldest are told as one."""
-
-
-@dataclass
-class Gap:
-    """Numbers `first` to `last` (both missing) of a source, published between two moments [ns].
-
-    `counted` gaps belong to the recording. `hopeless` ones are no longer in the publisher's cache. `extra` corrects
-    the count where gaps were told as one.
-    """
-
-    topic: str
-    source: Source
-    first: int
-    last: int
-    begin_ns: int
-    end_ns: int
-    counted: bool
-    asked: int = 0
-    hopeless: bool = False
-    extra: int = 0
-
-    @property
-    def count(self) -> int:
-        """How many samples are missing."""
-        return self.last - self.first + 1 + self.extra
-
-    def without(self, number: int) -> Iterator[Gap]:
-        """What is left once one number in it has arrived."""
-        for first, last in ((self.first, number - 1), (number + 1, self.last)):
-            if first <= last:
-                yield replace(self, first=first, last=last)
-
-
-@dataclass
-class _Account:
-    """One source: the first number heard of, the one it will use next, and what is missing before that."""
-
-    topic: str
-    first: int
-    next: int
-    seen_ns: int
-    counted: bool
-    """Whether it was first heard of during the present recording."""
-    gaps: list[Gap] = field(default_factory=list)
-    at_begin: int | None = None
-    """The number that it was to use next when the present file began, if it was known then."""
-    stamps: dict[int, int] = field(default_factory=dict)
-    """When the last samples were published [ns], by number."""
-
-    def forget_older(self) -> None:
-        """Forget the older half of the stamps."""
-        for old in list(islice(self.stamps, _MEMORY)):
-            del self.stamps[old]
-
-    def began_anew(self, number: int, stamp_ns: int, cached: bool) -> bool:
-        """Whether a sample with a number of the past is none of the past ones, but of a publisher that returned."""
-        known = self.stamps.get(number)
-        if known is not None:
-            return known != stamp_ns
-        far = (self.next - number) % _WRAP > _MEMORY
-        return stamp_ns > self.seen_ns or (far and not cached)
-
-
-@dataclass(frozen=True)
-class Loss:
-    """Samples of a topic that were lost for good between two moments [ns]."""
-
-    topic: str
-    count: int
-    begin_ns: int
-    end_ns: int
+from recorder.intake.account import LONGEST_GAP, MOST_GAPS, WRAP, Account, Gap, Loss, Source
 
 
 class Ledger:
@@ -105,10 +20,10 @@ class Ledger:
     """
 
     def __init__(self) -> None:
-        self._accounts: dict[Source, _Account] = {}
+        self._accounts: dict[Source, Account] = {}
         self._unnumbered: set[str] = set()
         self._refused: list[Loss] = []
-        self._most_refused = _MOST_GAPS
+        self._most_refused = MOST_GAPS
         self._unwritten: Counter[str] = Counter()
         self._ended: list[Loss] = []
         """What accounts that are closed had lost of the present recording."""
@@ -166,38 +81,29 @@ class Ledger:
         """
         account = self._accounts.get(source)
         if account is None:
-            account = self._accounts[source] = _Account(topic, number, number, stamp_ns, self._counting)
+            account = self._accounts[source] = Account(topic, source, number, number, stamp_ns, self._counting)
         if number != account.next:
-            ahead = (number - account.next) % _WRAP
-            if ahead >= _LONGEST_GAP:
-                return self._arrived_behind(account, source, number, stamp_ns, cached)
-            self._up_to(account, source, number, stamp_ns)
-        account.next = (number + 1) % _WRAP
-        account.seen_ns = stamp_ns
-        account.stamps[number] = stamp_ns
-        if len(account.stamps) >= 2 * _MEMORY:
-            account.forget_older()
+            ahead = (number - account.next) % WRAP
+            if ahead >= LONGEST_GAP:
+                return self._arrived_behind(account, number, stamp_ns, cached)
+            account.skip_to(number, stamp_ns, self._counting)
+        account.add_next(number, stamp_ns)
         return True
 
-    def _arrived_behind(self, account: _Account, source: Source, number: int, stamp_ns: int, cached: bool) -> bool:
-        if _fill(account, number):
-            account.stamps[number] = stamp_ns
+    def _arrived_behind(self, account: Account, number: int, stamp_ns: int, cached: bool) -> bool:
+        if account.add_missing(number, stamp_ns):
             return True
         if not account.began_anew(number, stamp_ns, cached):
             return False
-        self._begin_anew(account, source, number)
-        return self.arrived(account.topic, source, number, stamp_ns)
+        self._begin_anew(account, number, stamp_ns)
+        return self.arrived(account.topic, account.source, number, stamp_ns)
 
-    def _begin_anew(self, account: _Account, source: Source, number: int) -> None:
-        """Close the account of a publisher that is another one now; what it had lost stays lost.
-
-        Its numbers begin at 0, unless it says one that nobody can have come to.
-        """
-        first = 0 if number < _LONGEST_GAP else number
-        self._ended += _losses_of(account)
+    def _begin_anew(self, account: Account, number: int, stamp_ns: int) -> None:
+        """Close the account of a publisher that is another one now; what it had lost stays lost."""
+        self._accounts[account.source] = account.take_second_life(number, stamp_ns, self._counting)
+        self._ended += account.losses()
         if self._counting:
             self._restarts[account.topic] += 1
-        self._accounts[source] = _Account(account.topic, first, first, account.seen_ns, self._counting)
 
     def take_restarts(self) -> Counter[str]:
         """How often publishers began anew in the present recording since the last call, by topic."""
@@ -218,7 +124,7 @@ class Ledger:
             self._refused.append(Loss(topic, 1, stamp_ns, stamp_ns))
         if len(self._refused) > self._most_refused:
             self._refused[:] = _merged(self._refused)
-            self._most_refused = max(_MOST_GAPS, 2 * len(self._refused))
+            self._most_refused = max(MOST_GAPS, 2 * len(self._refused))
 
     def unwritten(self, topic: str, count: int) -> None:
         """Samples that had been kept could not be written."""
@@ -231,19 +137,19 @@ class Ledger:
 
         Of a source unknown until now, earlier samples may still be on their way: they are let in, and not missing.
         """
-        upcoming = (last + 1) % _WRAP
+        upcoming = (last + 1) % WRAP
         account = self._accounts.get(source)
         if account is None:
             on_their_way = Gap(topic, source, 0, last, stamp_ns, stamp_ns, counted=False)
-            self._accounts[source] = _Account(topic, upcoming, upcoming, stamp_ns, False, [on_their_way])
+            self._accounts[source] = Account(topic, source, upcoming, upcoming, stamp_ns, False, [on_their_way])
         else:
-            self._up_to(account, source, upcoming, stamp_ns)
+            account.skip_to(upcoming, stamp_ns, self._counting)
 
     def appeared(self, topic: str, source: Source, stamp_ns: int) -> None:
         """A source came to the network during the recording: its numbers begin at 0."""
         if not self._counting:
             return
-        account = self._accounts.setdefault(source, _Account(topic, 0, 0, stamp_ns, True))
+        account = self._accounts.setdefault(source, Account(topic, source, 0, 0, stamp_ns, True))
         if account.counted and account.first > 0:
             account.gaps.insert(0, Gap(topic, source, 0, account.first - 1, stamp_ns, stamp_ns, counted=True))
             account.first = 0
@@ -270,7 +176,7 @@ class Ledger:
         account = self._accounts.get(source)
         if account is None or account.at_begin is None:
             return None
-        return account.at_begin == account.next == (number + 1) % _WRAP
+        return account.at_begin == account.next == (number + 1) % WRAP
 
     # --- what is missing
 
@@ -286,7 +192,7 @@ class Ledger:
     @property
     def losses(self) -> list[Loss]:
         """What is missing from the recording, with its times."""
-        gaps = [loss for account in self._accounts.values() for loss in _losses_of(account)]
+        gaps = [loss for account in self._accounts.values() for loss in account.losses()]
         return [*self._ended, *gaps, *self._refused]
 
     @property
@@ -308,42 +214,6 @@ class Ledger:
             topic: missing[topic] if topic in numbered and topic not in self._unnumbered else None
             for topic in sorted(found)
         }
-
-    def _up_to(self, account: _Account, source: Source, upcoming: int, stamp_ns: int) -> None:
-        """Everything from the expected number to the one before `upcoming` is missing."""
-        missing = (upcoming - account.next) % _WRAP
-        if not 0 < missing < _WRAP // 2:
-            return
-        last = account.next + missing - 1
-        account.gaps.append(
-            Gap(account.topic, source, account.next, last, account.seen_ns, stamp_ns, counted=self._counting)
-        )
-        account.next = upcoming
-        if len(account.gaps) > _MOST_GAPS:
-            _join_oldest(account.gaps)
-
-
-def _losses_of(account: _Account) -> list[Loss]:
-    return [Loss(gap.topic, gap.count, gap.begin_ns, gap.end_ns) for gap in account.gaps if gap.counted]
-
-
-def _fill(account: _Account, number: int) -> bool:
-    for index, gap in enumerate(account.gaps):
-        if gap.first <= number <= gap.last and not gap.extra:
-            account.gaps[index : index + 1] = gap.without(number)
-            return True
-    return False
-
-
-def _join_oldest(gaps: list[Gap]) -> None:
-    """Tell the two oldest gaps as one that nothing fills any more; its count stays exact."""
-    one, two = gaps[0], gaps[1]
-    if not one.counted:
-        del gaps[0]
-        return
-    count = one.count + (two.count if two.counted else 0)
-    joined = replace(one, last=two.last, end_ns=two.end_ns, hopeless=True, extra=count - (two.last - one.first + 1))
-    gaps[0:2] = [joined]
 
 
 def _merged(losses: list[Loss]) -> list[Loss]:

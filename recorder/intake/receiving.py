@@ -17,8 +17,9 @@ import zenoh
 from recorder.chunks import Batch
 from recorder.clocks import LogClock
 from recorder.errors import RecorderError
+from recorder.intake.account import Loss, Source
 from recorder.intake.channels import KEPT, MOST, Channels
-from recorder.intake.ledger import Ledger, Loss, Source
+from recorder.intake.ledger import Ledger
 from recorder.intake.waiting import Intake, PreRoll
 from recorder.notices import Notices
 from recorder.wire import (

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recorder.feedback import gaps_near_actions
-from recorder.intake.ledger import Ledger, Loss
+from recorder.intake.account import Loss
+from recorder.intake.ledger import Ledger
 
 S, T = ("session", 1), ("session", 2)
 NS = 1_000_000_000
@@ -163,6 +164,27 @@ def test_a_publisher_that_is_started_again_begins_a_new_account(
     if not overlooked:
         assert ledger.take_restarts() == {"/force": 1}
         assert ledger.lost(["/force"]) == {"/force": heard[-1] + 1 - len(heard)}
+
+
+@settings(max_examples=60)
+@given(st.integers(2, 30), st.integers(1, 30), st.booleans(), st.data())
+def test_the_answers_about_a_second_life_may_come_in_any_order(
+    before: int, further: int, clock_back: bool, data: st.DataObject
+) -> None:
+    """It has come further than the first; its newest samples may be heard before the one that tells it is another."""
+    begin_ns = -NS if clock_back else NS
+    ledger = Ledger()
+    ledger.begin()
+    for number in range(before - 1):
+        ledger.arrived("/force", S, number, number)
+    ledger.arrived("/force", S, before, before)
+    numbers = data.draw(st.permutations(range(before + further)))
+    let_in = [number for number in numbers if ledger.arrived("/force", S, number, begin_ns + number, cached=True)]
+    again = [ledger.arrived("/force", S, number, begin_ns + number, cached=True) for number in numbers]
+    let_in += [number for number, new in zip(numbers, again, strict=True) if new]
+    assert sorted(let_in) == list(range(before + further))
+    assert ledger.take_restarts() == {"/force": 1}
+    assert ledger.lost() == {"/force": 1}
 
 
 def test_what_the_first_life_lost_stays_lost_after_the_second_began() -> None:
