@@ -17,10 +17,10 @@ from typing import Final
 
 from mcap.opcode import Opcode
 
-from recorder import records
+from recorder.disk import sync_folder
 from recorder.errors import NotARecordingError, RecorderError, SecondRecorderError, TornRecordingError
 from recorder.paths import shown
-from recorder.recording import UNFINISHED, Finished, RecordingWriter, messages, sync_folder
+from recorder.recording import UNFINISHED, Finished, RecordingWriter, messages, records
 from recorder.salvage import Salvage
 
 TORN, QUARANTINE = "torn", "quarantine"

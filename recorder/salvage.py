@@ -8,10 +8,9 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 
-from recorder import records
 from recorder.errors import NotARecordingError, RecorderError, TornRecordingError
 from recorder.paths import shown
-from recorder.recording import DEMONSTRATION, Demonstrated, RecordingWriter
+from recorder.recording import DEMONSTRATION, Demonstrated, RecordingWriter, records
 from recorder.wire import NS
 
 

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from recorder.chunks import Batch
 from recorder.disk import Reserve
 from recorder.intake.waiting import Intake
 from recorder.recording import Demonstrated, Finished, RecordingWriter
+from recorder.recording.chunks import Batch
 
 CHUNK_S: Final = 0.1
 """A chunk closes after so long even if little came."""

@@ -14,7 +14,6 @@ from typing import Final
 
 import zenoh
 
-from recorder.chunks import Batch
 from recorder.clocks import LogClock
 from recorder.errors import RecorderError
 from recorder.intake.account import Loss, Source
@@ -22,6 +21,7 @@ from recorder.intake.channels import KEPT, MOST, Channels
 from recorder.intake.ledger import Ledger
 from recorder.intake.waiting import Intake, PreRoll
 from recorder.notices import Notices
+from recorder.recording.chunks import Batch
 from recorder.wire import (
     ACTION,
     ACTION_ENCODING,

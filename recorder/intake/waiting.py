@@ -7,8 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
 
-from recorder.chunks import OVERHEAD, Batch
-from recorder.recording import CHUNK_BYTES
+from recorder.recording.chunks import CHUNK_BYTES, OVERHEAD, Batch
 
 RESERVE_BYTES: Final = 32 << 20
 """Beyond the limit, for poses, gripper and actions alone: a camera's images must not push them out."""

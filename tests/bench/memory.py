@@ -11,8 +11,8 @@ from pathlib import Path
 
 from mcap.records import Attachment
 
-from recorder.chunks import Batch
 from recorder.recording import Demonstrated, RecordingWriter
+from recorder.recording.chunks import Batch
 
 SIZES_MB = (50, 400)
 PAYLOAD_BYTES = 100_000

@@ -17,10 +17,9 @@ from mcap.writer import CompressionType, Writer
 from support_recordings import object_in_box
 
 from pipelines.cli import main
-from recorder import records
-from recorder.chunks import Batch
 from recorder.errors import NotARecordingError, RecorderError
-from recorder.recording import DEMONSTRATION, Demonstrated, RecordingWriter, messages, read_recording
+from recorder.recording import DEMONSTRATION, Demonstrated, RecordingWriter, messages, read_recording, records
+from recorder.recording.chunks import Batch
 from recorder.recovery import recover
 
 

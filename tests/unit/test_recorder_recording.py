@@ -86,8 +86,8 @@ def test_message_indexes_point_at_the_messages(tmp_path: Path) -> None:
     from mcap.records import Chunk, MessageIndex
     from mcap.stream_reader import get_chunk_data_stream
 
-    from recorder.chunks import MESSAGE
-    from recorder.records import walk
+    from recorder.recording.chunks import MESSAGE
+    from recorder.recording.records import walk
 
     file = write(tmp_path / "one.mcap")
     with file.open("rb") as stream:

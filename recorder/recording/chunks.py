@@ -17,7 +17,7 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk, ChunkIndex
 
-from recorder.records import packed
+from recorder.recording.records import packed
 
 MESSAGE: Final = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows, channel, sequence, log time [ns], publish time [ns]; then the payload."""
@@ -26,6 +26,8 @@ MESSAGE_FIXED: Final = 22
 OVERHEAD: Final = MESSAGE.size
 _INDEX: Final = struct.Struct("<BQHI")
 COMPRESSION_LEVEL: Final = 1
+CHUNK_BYTES: Final = 1 << 20
+"""Chunks are closed at this size."""
 
 
 @dataclass
