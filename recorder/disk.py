@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from pathlib import Path
 from typing import Final
 
@@ -13,6 +14,8 @@ RESERVE_BYTES: Final = 2 << 20
 """What the reserve holds back: room for the last chunk, the summary and the metadata of an open recording."""
 LEAST_BYTES: Final = 6 << 20
 """No recording starts with less than this."""
+AVERAGED_S: Final = 5.0
+"""The rate is that of so many last seconds."""
 FINISH_S: Final = 60.0
 """A demonstration must be able to go on for so long at the cell's present rate."""
 
@@ -33,6 +36,22 @@ def prepare(folder: Path) -> None:
 def free_bytes(folder: Path) -> int:
     """Bytes that are free for us on the folder's file system."""
     return shutil.disk_usage(folder).free
+
+
+class Rate:
+    """How fast the cell's messages come [bytes/s], over the last seconds."""
+
+    def __init__(self) -> None:
+        self.bytes_s = 0.0
+        self._received, self._then_s = 0, time.monotonic()
+
+    def update(self, received: int) -> None:
+        """So many bytes have come until now."""
+        now_s = time.monotonic()
+        elapsed_s = now_s - self._then_s
+        rate = (received - self._received) / elapsed_s
+        self._received, self._then_s = received, now_s
+        self.bytes_s += (rate - self.bytes_s) * min(elapsed_s / AVERAGED_S, 1.0)
 
 
 def check_room(folder: Path, rate_bytes_s: float) -> None:

@@ -65,6 +65,11 @@ def key_of(cell: str, topic: str) -> str:
     return prefix_of(cell) + topic.lstrip("/")
 
 
+def json_message(document: Mapping[str, Any]) -> bytes:
+    """A JSON object as it is sent: requests, replies, events."""
+    return json.dumps(document, sort_keys=True).encode()
+
+
 # --- poses ----------------------------------------------------------------------------------------------------------
 
 

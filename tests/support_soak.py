@@ -139,7 +139,7 @@ _stalled_until_s = [0.0]
 
 
 def _make_disk_slow(recorder: Recorder, rng: np.random.Generator) -> None:
-    now: Any = recorder._open
+    now: Any = recorder.machine.take
     writer = now.writing._writer
     write = writer._write
 

@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
 def _options(arguments: argparse.Namespace) -> Any:
     from recorder.daemon import Options
-    from recorder.intake.receiving import Patterns
+    from recorder.intake.patterns import Patterns
 
     return Options(
         pre_roll_s=arguments.pre_roll,

@@ -1,5 +1,6 @@
 """From the network to memory: what happens to a sample before anything is written.
 
-receiving (every sample, on the thread that received it) calls ledger (what is missing), channels (their numbers) and
-waiting (what waits to be written); caches asks publishers for what is missing, latched for what was there before.
+receiving (every sample, on the thread that received it) calls routes (what becomes of its key: patterns, channels),
+ledger (what is missing, by the account of each publisher), waiting (what waits to be written) and fence (what has come
+before a request). caches asks publishers for what is missing, latched for what was there before.
 """

@@ -7,10 +7,19 @@ ledger says so (`None`) instead of saying nothing was lost.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from recorder.intake.account import LONGEST_GAP, MOST_GAPS, WRAP, Account, Gap, Loss, Source
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What a recording has lost: by topic (None: unknowable), one by one, and what of it had come but was not kept."""
+
+    lost: Mapping[str, int | None]
+    losses: Sequence[Loss]
+    refusals: Mapping[str, int]
 
 
 class Ledger:
@@ -59,13 +68,17 @@ class Ledger:
             account.counted = False
             account.gaps[:] = [replace(gap, counted=False) for gap in account.gaps if not gap.hopeless]
 
-    def split(self, topics: Iterable[str]) -> tuple[dict[str, int | None], list[Loss]]:
+    def balance(self, topics: Iterable[str]) -> Balance:
+        """What the recording has lost until now; of these topics it is told in any case."""
+        return Balance(self.lost(topics), self.losses, self.refusals)
+
+    def split(self, topics: Iterable[str]) -> Balance:
         """The losses of the part that ends here; what may still be filled concerns the next part."""
         pending: dict[Source, list[Gap]] = {}
         for source, account in self._accounts.items():
             pending[source] = [gap for gap in account.gaps if gap.counted and not gap.hopeless]
             account.gaps[:] = [gap for gap in account.gaps if gap not in pending[source]]
-        ended = self.lost(topics), self.losses
+        ended = self.balance(topics)
         self.begin()
         for source, gaps in pending.items():
             self._accounts[source].gaps += gaps

@@ -7,90 +7,30 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from time import monotonic_ns
 from typing import Final
 
 import zenoh
 
 from recorder.clocks import LogClock
-from recorder.errors import RecorderError
-from recorder.intake.account import Loss, Source
-from recorder.intake.channels import KEPT, MOST, Channels
-from recorder.intake.ledger import Ledger
+from recorder.intake.account import Source
+from recorder.intake.channels import Channels
+from recorder.intake.fence import Fence
+from recorder.intake.ledger import Balance, Ledger
+from recorder.intake.patterns import Patterns
+from recorder.intake.routes import Route, Routes
 from recorder.intake.waiting import Intake, PreRoll
 from recorder.notices import Notices
 from recorder.recording.chunks import Batch
-from recorder.wire import (
-    ACTION,
-    ACTION_ENCODING,
-    ATTACHMENT,
-    ESSENTIAL,
-    GRIPPER,
-    NOT_RECORDED,
-    NS,
-    POSES,
-    SIGNALS,
-    listed,
-)
+from recorder.wire import ACTION, ACTION_ENCODING, ATTACHMENT, NS, listed
 
-MOST_ROUTES: Final = 10_000
-"""More keys than these are looked at anew in the next recording."""
-NO_CHANNEL: Final = (
-    f"a message is not recorded, because its key is not among the first {MOST - KEPT}, and a file holds no more; "
-    "leave keys out with --exclude"
-)
 ATTACHED: Final = "zenoh/bytes"
 """The encoding under which attachments are kept: they tell none."""
 OURSELVES: Final[Source] = ("the recorder", 0)
 """The source of the actions that are pressed at the recorder itself: their numbers have no gaps."""
 _PUT: Final = zenoh.SampleKind.PUT
-
-
-@dataclass
-class Route:
-    """What becomes of one key: its topic, and its channels by Zenoh encoding."""
-
-    topic: str
-    recorded: bool
-    channels: dict[str, int] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.action = self.topic == ACTION
-        self.poses = self.topic == POSES
-        self.early = self.topic in (POSES, GRIPPER)
-        """Whether it belongs to the pre-roll."""
-        self.essential = self.early or self.action or self.topic.startswith(SIGNALS)
-
-
-@dataclass(frozen=True)
-class Patterns:
-    """Which topics are recorded: those that a Zenoh key expression includes and none excludes.
-
-    What learning needs, /poses, /gripper and /action, is recorded whatever the patterns say.
-    """
-
-    include: Sequence[str] = ()
-    exclude: Sequence[str] = ()
-
-    def __post_init__(self) -> None:
-        for pattern in (*self.include, *self.exclude):
-            try:
-                zenoh.KeyExpr(pattern.strip("/"))
-            except zenoh.ZError as error:
-                raise RecorderError(f"{pattern!r} is no pattern of keys; write camera/* or **/image") from error
-
-    def admit(self, topic: str) -> bool:
-        """Whether a topic is recorded."""
-        if topic in ESSENTIAL:
-            return True
-        included = not self.include or any(_matches(pattern, topic) for pattern in self.include)
-        return included and not any(_matches(pattern, topic) for pattern in self.exclude)
-
-
-def _matches(pattern: str, topic: str) -> bool:
-    return zenoh.KeyExpr(pattern.strip("/")).includes(topic.strip("/"))
 
 
 @dataclass(frozen=True)
@@ -119,9 +59,8 @@ class Receiver:
         self.clock = LogClock()
         self.received_bytes = 0
         self.counts: dict[str, int] = {}
-        self._prefix, self._patterns = prefix, patterns
-        self._fence_key, self._fence = f"{prefix}recorder/fence", threading.Condition()
-        self._fences, self._fence_passed = itertools.count(1), 0
+        self.fence = Fence(f"{prefix}recorder/fence")
+        self._routes = Routes(prefix, patterns, notices)
         self._on_action, self._on_early, self._notices = on_action, on_early, notices
         self._pre_roll = PreRoll(int(pre_roll_s * NS))
         self._intake: Intake | None = None
@@ -130,33 +69,15 @@ class Receiver:
         self._own = itertools.count()
         self._sessions: dict[zenoh.ZenohId, str] = {}
         self._paused = False
-        self._routes: dict[str, Route] = {}
-        self.channels = Channels()
+
+    @property
+    def channels(self) -> Channels:
         """Those of the present recording and of the pre-roll before it."""
-
-    def fence(self, session: zenoh.Session, patience_s: float) -> None:
-        """Until every sample that reached this process before has been taken in, or the patience [s] ends.
-
-        Samples and requests come on threads of their own; a sample to oneself goes behind all others.
-        """
-        with session.declare_publisher(
-            self._fence_key,
-            allowed_destination=zenoh.Locality.SESSION_LOCAL,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        ) as publisher:
-            number = next(self._fences)
-            publisher.put(str(number))
-        with self._fence:
-            self._fence.wait_for(lambda: self._fence_passed >= number, patience_s)
-
-    def _pass_fence(self, number: int) -> None:
-        with self._fence:
-            self._fence_passed = max(self._fence_passed, number)
-            self._fence.notify_all()
+        return self._routes.channels
 
     def records(self, topic: str) -> bool:
         """Whether samples of a topic are recorded."""
-        return self._route(self._prefix + topic[1:]).recorded
+        return self._routes.of_topic(topic).recorded
 
     @property
     def recording(self) -> bool:
@@ -182,7 +103,7 @@ class Receiver:
             self._intake, self._paused, self._start_ns = intake, False, now_ns
         return now_ns
 
-    def swap(self, intake: Intake) -> tuple[dict[str, int | None], list[Loss]]:
+    def swap(self, intake: Intake) -> Balance:
         """The recording goes on in another part, between two samples; returns what the one before has lost."""
         with self.lock:
             ended = self.ledger.split(self.counts)
@@ -206,15 +127,35 @@ class Receiver:
         with self.lock:
             self._intake = None
             self._pre_roll.clear()
-            self._begin_channels()
+            self._routes.begin_anew()
 
-    def _begin_channels(self) -> None:
-        """The next recording numbers its channels anew."""
-        self.channels = Channels()
-        for route in self._routes.values():
-            route.channels.clear()
-        if len(self._routes) > MOST_ROUTES:
-            self._routes.clear()
+    def close_account(self, unwritten: Mapping[str, int]) -> Balance:
+        """What the recording that has ended has lost, with what of it could not be written."""
+        with self.lock:
+            for topic, count in unwritten.items():
+                self.ledger.unwritten(topic, count)
+            self.note_restarts()
+            balance = self.ledger.balance(self.counts)
+            self.ledger.forget()
+        return balance
+
+    def forget(self) -> None:
+        """The recording that has ended is discarded, and what it has lost with it."""
+        with self.lock:
+            self.ledger.forget()
+
+    def counted(self) -> tuple[dict[str, int], Mapping[str, int | None], Mapping[str, int]]:
+        """How many messages of each topic were kept, lost, and of those not kept though they had come."""
+        with self.lock:
+            counts, balance = dict(sorted(self.counts.items())), self.ledger.balance(self.counts)
+        return counts, balance.lost, balance.refusals
+
+    def note_restarts(self) -> None:
+        """Note which publishers have begun anew since the last call."""
+        with self.lock:
+            restarts = self.ledger.take_restarts()
+        for topic, count in restarts.items():
+            self._notices.add(f"a publisher of {topic} was started again and begins a new account", count)
 
     def receive_cached(self, sample: zenoh.Sample) -> None:
         """Take in a sample out of a publisher's cache."""
@@ -225,7 +166,7 @@ class Receiver:
 
         The samples were published, and perhaps received, before: they do not concern the ledger.
         """
-        route = self._route(str(samples[-1].key_expr))
+        route = self._routes.of(str(samples[-1].key_expr))
         with self.lock:
             if self.recording and self._is_latched(route, samples[-1]):
                 for sample in samples:
@@ -247,10 +188,10 @@ class Receiver:
     def receive(self, sample: zenoh.Sample, cached: bool = False) -> None:
         """Take in a sample as it comes from the network, or out of a cache (`cached`)."""
         key = str(sample.key_expr)
-        route = self._routes.get(key) or self._route(key)
+        route = self._routes.of(key)
         if not route.recorded:
-            if key == self._fence_key:
-                self._pass_fence(int(sample.payload.to_bytes()))
+            if key == self.fence.key:
+                self.fence.take(sample)
             return
         payload = sample.payload.to_bytes()
         stamp = sample.timestamp
@@ -291,12 +232,12 @@ class Receiver:
             payload = listed(payload)
         intake = self._intake
         if intake is None:
-            if route.early and (channel := route.channels.get(encoding) or self._channel(route, encoding)):
+            if route.early and (channel := route.channels.get(encoding) or self._routes.channel(route, encoding)):
                 self._pre_roll.add(channel, number, log_ns, publish_ns, payload)
         elif not self._paused:
             if attachment is not None:
                 self._keep_attachment(route, number, log_ns, publish_ns, attachment.to_bytes(), intake)
-            channel = route.channels.get(encoding) or self._channel(route, encoding)
+            channel = route.channels.get(encoding) or self._routes.channel(route, encoding)
             if channel and intake.add(channel, number, log_ns, publish_ns, payload, route.essential, route.action):
                 self.counts[route.topic] = self.counts.get(route.topic, 0) + 1
             else:
@@ -316,14 +257,14 @@ class Receiver:
 
     def record_press(self, payload: bytes) -> int | None:
         """Record an action that was pressed at the recorder itself; its log time [ns], None if it is not recorded."""
-        route = self._route(f"{self._prefix}{ACTION[1:]}")
+        route = self._routes.of_topic(ACTION)
         with self.lock:
             log_ns, intake = self.clock.now_ns(), self._intake
             if intake is None or self._paused:
                 return None
             number = next(self._own)
             self.ledger.arrived(route.topic, OURSELVES, number, log_ns)
-            channel = route.channels.get(ACTION_ENCODING) or self._channel(route, ACTION_ENCODING)
+            channel = self._routes.channel(route, ACTION_ENCODING)
             if not channel or not intake.add(channel, number, log_ns, log_ns, payload, True, True):
                 self.ledger.refused(route.topic, OURSELVES, log_ns)
                 return None
@@ -339,21 +280,3 @@ class Receiver:
             topic = self.channels.describe(channel)[0]
             self.counts[topic] = self.counts.get(topic, 0) + 1
             self._on_early((topic, log_ns, payload))
-
-    def _route(self, key: str) -> Route:
-        relative = key.removeprefix(self._prefix)
-        topic = f"/{relative}"
-        own = relative == key or relative.split("/", 1)[0] in NOT_RECORDED
-        route = Route(topic, not own and "@" not in {chunk[:1] for chunk in relative.split("/")})
-        route.recorded = route.recorded and self._patterns.admit(topic)
-        with self.lock:
-            return self._routes.setdefault(key, route)
-
-    def _channel(self, route: Route, encoding: str) -> int:
-        """The number of a channel; 0 when there are too many."""
-        number = self.channels.number(route.topic, encoding, route.essential)
-        if number:
-            route.channels[encoding] = number
-        else:
-            self._notices.add(NO_CHANNEL)
-        return number

@@ -13,7 +13,7 @@ from support_recorder import CELL, PREFIX, START, Cell, Refused, answers, ask, n
 from learner.model import Pose
 from recorder.daemon import Options, Recorder
 from recorder.errors import DiskError, SecondRecorderError
-from recorder.intake.receiving import Patterns
+from recorder.intake.patterns import Patterns
 from recorder.recording import messages, read_header, read_recording, sha256_of
 
 POSES = {"tool0": Pose((0.5, 0.0, 0.3)), "A": Pose((0.5, 0.0, 0.02)), "B": Pose((0.4, 0.1, 0.02))}
@@ -200,9 +200,9 @@ def test_nothing_is_recorded_while_paused(tmp_path: Path) -> None:
         one = cell.put_poses(POSES)
         wait_for(lambda: cell.ask("status")["messages"].get("/poses") == 1)
         cell.ask("pause")
-        before = cell.recorder._receiver.received_bytes
+        before = cell.recorder.receiver.received_bytes
         cell.put_poses(POSES)
-        wait_for(lambda: cell.recorder._receiver.received_bytes > before)
+        wait_for(lambda: cell.recorder.receiver.received_bytes > before)
         cell.ask("resume")
         two = cell.put_poses(POSES)
         wait_for(lambda: cell.ask("status")["messages"].get("/poses") == 2)

@@ -206,7 +206,7 @@ def test_a_slow_disk_never_stops_the_reading(tmp_path: Path) -> None:
     """A disk that stands still for ten seconds, a thousand messages a second, and 10 MB/s of images beside them."""
     with recording_cell(tmp_path) as cell:
         cell.ask("start", START)
-        writing = cell.recorder._open.writing._writer  # type: ignore[union-attr]
+        writing = cell.recorder.machine.take.writing._writer  # type: ignore[union-attr]
         write, stalled = writing._write, time.monotonic() + STALL_S
 
         def slow(data: bytes) -> None:

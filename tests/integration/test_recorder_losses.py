@@ -24,7 +24,7 @@ from support_recorder import (
 )
 
 from recorder.daemon import Options, Recorder
-from recorder.intake.receiving import NO_CHANNEL
+from recorder.intake.routes import NO_CHANNEL
 from recorder.recording import messages, read_header
 
 KEY = f"{PREFIX}/force"
@@ -161,7 +161,7 @@ def test_what_memory_cannot_hold_is_counted_and_actions_still_get_in(tmp_path: P
     """A disk that stands still, and a camera that goes on: memory is bounded, and every image left out is counted."""
     with recording_cell(tmp_path, Options(buffer_bytes=2 << 20)) as cell:
         cell.ask("start", START)
-        writing = cell.recorder._open.writing._writer  # type: ignore[union-attr]
+        writing = cell.recorder.machine.take.writing._writer  # type: ignore[union-attr]
         write = writing._write
 
         def stalled(data: bytes) -> None:
@@ -182,7 +182,7 @@ def test_what_memory_cannot_hold_is_counted_and_actions_still_get_in(tmp_path: P
             wait_for(lambda: cell.ask("status")["overflowed"].get("/image", 0) >= 60)
             status = cell.ask("status")
             assert status["actions_durable"] == 0
-            assert cell.recorder._open.writing.intake.waiting_bytes < 3 << 20  # type: ignore[union-attr]
+            assert cell.recorder.machine.take.writing.intake.waiting_bytes < 3 << 20  # type: ignore[union-attr]
             resumed.append(True)
             wait_for(lambda: cell.ask("status")["actions_durable"] == 1)
             stopped = cell.ask("stop", {"outcome": "unknown"})
@@ -197,7 +197,7 @@ def test_a_gap_near_an_action_marks_the_demonstration(tmp_path: Path) -> None:
         cell.ask("start", START)
         stamp_ns = cell.put_poses({})
         cell.ask_now()
-        cell.recorder._open.writing.intake.limit_bytes = 1 << 20  # type: ignore[union-attr]
+        cell.recorder.machine.take.writing.intake.limit_bytes = 1 << 20  # type: ignore[union-attr]
         cell.press("pick", stamp_ns=stamp_ns)
         wait_for(lambda: cell.ask("status")["messages"].get("/action") == 1)
         stopped = cell.ask("stop", {"outcome": "unknown"})

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from learner.model import Pose
-from recorder.feedback import Sightings
-from recorder.intake.known import KNOWN_NS, Known
+from recorder.teaching.feedback import Sightings
+from recorder.teaching.known import KNOWN_NS, Known
 from recorder.wire import NS, gripper_message, pose_message
 
 HERE = {"tool0": Pose((0.5, 0.0, 0.3)), "A": Pose((0.5, 0.0, 0.02))}

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recorder.feedback import gaps_near_actions
 from recorder.intake.account import Loss
 from recorder.intake.ledger import Ledger
+from recorder.teaching.feedback import gaps_near_actions
 
 S, T = ("session", 1), ("session", 2)
 NS = 1_000_000_000
@@ -78,8 +78,7 @@ def test_a_split_hands_over_what_may_still_come() -> None:
     ledger.arrived("/force", S, 3, 0)
     ledger.arrived("/force", S, 6, 0)
     ledger.open_gaps[S][0].hopeless = True
-    lost, _ = ledger.split(["/force"])
-    assert lost == {"/force": 2}
+    assert ledger.split(["/force"]).lost == {"/force": 2}
     assert ledger.lost(["/force"]) == {"/force": 2}
     ledger.arrived("/force", S, 4, 0)
     assert ledger.lost(["/force"]) == {"/force": 1}

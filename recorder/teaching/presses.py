@@ -8,8 +8,8 @@ from typing import Any, Final
 from learner.model import ActionPress
 from learner.observation.presses import UNDO, Judgement, Numbered, Verdict, gripper_after, judge, next_press_ns
 from learner.observation.surroundings import Surroundings
-from recorder.feedback import Finding, Plausible, Sightings, find
 from recorder.recording import Demonstrated, parse_scene
+from recorder.teaching.feedback import Finding, Plausible, Sightings, find
 from recorder.wire import ACTION
 
 NO_GRIPPER: Final = "no state of the gripper has come, so the action is not checked by it"

@@ -12,7 +12,7 @@ from learner.model import ActionPress, check_name
 from learner.model.demonstration import ActionType, Outcome
 from learner.observation.presses import SIGNAL, TYPES, UNDO
 from recorder.errors import PayloadError, RequestRefusedError
-from recorder.recording import parse_scene
+from recorder.recording import Demonstrated, parse_scene
 from recorder.wire import action_message, parse_action
 
 VERBS: Final = ("start", "stop", "discard", "pause", "resume", "split", "press", "status")
@@ -51,6 +51,20 @@ class Start:
         shapes = parse_scene(self.scene).objects if self.scene else {}
         of_scene = dict.fromkeys(shapes, "object of the scene")
         return {**of_scene, **dict.fromkeys(self.objects, "object"), self.end_effector_frame: "frame"}
+
+    def demonstrated(self, demonstration_id: str, cell: str, start_ns: int) -> Demonstrated:
+        """What the recording that begins will say of itself."""
+        return Demonstrated(
+            demonstration_id=demonstration_id,
+            task=self.task,
+            user=self.user,
+            cell=cell,
+            base_frame=self.base_frame,
+            end_effector_frame=self.end_effector_frame,
+            objects=self.objects,
+            start_ns=start_ns,
+            scene=self.scene,
+        )
 
     @staticmethod
     def parse(request: Mapping[str, Any]) -> Start:
