@@ -128,7 +128,7 @@ class PhysicalWorld:
     @property
     def gripper(self) -> GripperState:
         """Whether the gripper is open or closed."""
-        return self._world.gripper_state
+        return self._world.gripper.state
 
     @property
     def hand(self) -> Vector:
@@ -247,7 +247,7 @@ class PhysicalWorld:
     def _let_live(self, until_s: float) -> None:
         world = self._world
         while world.time_s < until_s - 1e-9:
-            if world.activity is None and world.at_rest:
+            if world.activity is None and world.rest:
                 world.pause(until_s - world.time_s)
             else:
                 world.step()
@@ -260,7 +260,7 @@ class PhysicalWorld:
         for name, pose in self._world.camera.observe(shown).items():
             self._cell.update_pose(name, now_ns, pose)
         self._cell.update_pose(scenarios.TOOL, now_ns, self._world.arm.tool_pose @ self._end_effector)
-        self._cell.update_gripper(now_ns, self._world.gripper_state)
+        self._cell.update_gripper(now_ns, self._world.gripper.state)
 
     # -- a human's hands -----------------------------------------------------------------------------------------
 
@@ -294,7 +294,7 @@ class PhysicalWorld:
         for name, pose in memory.poses.items():
             self._world.put(name, pose)
         if memory.held:
-            self._world.grasp_again(memory.held)
+            self._world.gripper.grasp_again(memory.held)
         self._settle()
         self._hand_is_clear = True
 
@@ -307,7 +307,7 @@ class PhysicalWorld:
         """Let things come to rest, and the camera look again; the arm waits, and no time is counted."""
         world = self._world
         activity, now_s, world.activity = world.activity, world.time_s, None
-        while not world.at_rest and world.time_s < now_s + SETTLED_S:
+        while not world.rest and world.time_s < now_s + SETTLED_S:
             world.step()
         world.activity, world.time_s = activity, now_s
         self._perceive()

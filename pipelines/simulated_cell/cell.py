@@ -33,7 +33,8 @@ from learner.errors import LearnerError
 from learner.model import Pose, check_name
 from learner.model.condition import GripperState
 from learner.simulation.cell import skills
-from learner.simulation.cell.physics import PERIOD_S, World
+from learner.simulation.cell.engine import PERIOD_S
+from learner.simulation.cell.physics import World
 from learner.simulation.cell.skills import Skill, SkillResult
 from learner.simulation.failure import Failure
 from learner.simulation.scenarios import BASE, TOOL, sample_spot
@@ -235,7 +236,7 @@ class Cell:
         if at_once or now_s >= self._poses_due_s:
             self._poses_due_s = now_s + 1 / POSES_HZ
             self._poses.put(self._look())
-        state = self.world.gripper_state
+        state = self.world.gripper.state
         if at_once or now_s >= self._gripper_due_s or state != self._published_state:
             self._gripper_due_s, self._published_state = now_s + GRIPPER_PERIOD_S, state
             sample = {"stamp_ns": time.time_ns(), "state": state, "width_m": round(self.world.arm.width_m, 5)}
@@ -261,10 +262,10 @@ class Cell:
         poses = {name: _to_data(pose) for name, pose in world.poses_in_base().items()}
         return {
             "time_s": round(world.time_s, 4),
-            "goal": world.goal_reached,
-            "goal_held_s": round(world.goal_held_s, 4),
+            "goal": world.goal.reached,
+            "goal_held_s": round(world.goal.held_s(world.time_s), 4),
             "held": world.held,
-            "gripper": world.gripper_state,
+            "gripper": world.gripper.state,
             "poses": {**poses, TOOL: _to_data(world.arm.tool_pose)},
         }
 

@@ -11,8 +11,9 @@ import pytest
 from learner.model import Pose
 from learner.simulation.cell import skills
 from learner.simulation.cell.arm_kinematics import pointing_down, yaw_of
+from learner.simulation.cell.bodies import UnknownObjectError
 from learner.simulation.cell.camera import Noise
-from learner.simulation.cell.physics import UnknownObjectError, World
+from learner.simulation.cell.physics import World
 from learner.simulation.cell.skills import SUCCESS, Skill, SkillResult
 from learner.simulation.failure import Failure
 from learner.simulation.scenarios import BASE, SCENARIOS
@@ -61,7 +62,7 @@ def test_a_cube_grasped_well_is_lifted_and_moves_with_the_hand(world: World) -> 
     assert pick(world, "A") == SUCCESS
 
     assert world.held == "A"
-    assert world.gripper_state == "closed"
+    assert world.gripper.state == "closed"
     assert math.dist(world.pose_in_base("A").position, world.arm.tool_pose.position) < 0.005
     assert world.pose_in_base("A").position[2] > 0.2
 
@@ -134,7 +135,7 @@ def test_a_tower_is_stacked_and_stands(world: World) -> None:
     world.run(1.0)
 
     assert world.pose_in_base("F").position == pytest.approx((0.5, -0.2, 0.125), abs=0.004)
-    assert world.gripper_state == "open"
+    assert world.gripper.state == "open"
 
 
 def test_a_place_that_is_taken_fails_on_contact_still_holding(world: World) -> None:
@@ -145,7 +146,7 @@ def test_a_place_that_is_taken_fails_on_contact_still_holding(world: World) -> N
     assert outcome.status == "failure"
     assert "contact with D" in str(outcome.reason)
     assert world.held == "A"
-    assert world.gripper_state == "closed"
+    assert world.gripper.state == "closed"
 
 
 def test_a_target_a_little_below_the_support_counts_as_reached(world: World) -> None:
@@ -172,7 +173,7 @@ def test_a_cube_taken_away_on_the_way_ends_the_place_with_closed_fingers(world: 
         world.step()
 
     assert world.held is None
-    assert world.gripper_state == "closed"
+    assert world.gripper.state == "closed"
     assert world.pose_in_base("A").position == pytest.approx((0.6, -0.1, 0.025), abs=0.01)
 
 
@@ -248,11 +249,11 @@ def test_the_steps_of_a_scenario_done_by_skills_reach_its_goal_by_truth() -> Non
             hand = pointing_down(*frame.apply(step.at), yaw_of(frame @ Pose((0, 0, 0), (1.0, 0.0, 0.0, 0.0))))
             outcome = perform(world, skills.place(world, step.object, step.frame, frame.inverse() @ hand))
             assert outcome == SUCCESS
-            assert not (world.goal_reached and world.held)
+            assert not (world.goal.reached and world.held)
         world.run(1.5)
 
-        assert world.goal_reached
-        assert world.goal_held_s > 1.0
+        assert world.goal.reached
+        assert world.goal.held_s(world.time_s) > 1.0
 
 
 def test_the_same_seed_gives_the_same_world_after_the_same_actions() -> None:
@@ -270,6 +271,6 @@ def test_a_reset_world_stands_at_another_start_with_open_empty_hand(world: World
     world.reset(np.random.default_rng(99))
 
     assert world.held is None
-    assert world.gripper_state == "open"
-    assert not world.goal_reached
+    assert world.gripper.state == "open"
+    assert not world.goal.reached
     assert pick(world, "A") == SUCCESS

@@ -29,7 +29,8 @@ from learner.model.upright import Spot
 from learner.simulation.arena import Arena
 from learner.simulation.cell import skills
 from learner.simulation.cell.arm_kinematics import inverse, pointing_down, reaches
-from learner.simulation.cell.physics import World, upright
+from learner.simulation.cell.bodies import upright
+from learner.simulation.cell.physics import World
 from learner.simulation.failure import Failure
 from learner.simulation.gravity import Body
 from learner.simulation.kinematic_world import NOISELESS, Behavior, KinematicWorld
@@ -318,5 +319,5 @@ def test_what_is_said_to_be_in_reach_is_in_reach() -> None:
 def test_the_scenarios_of_the_cell_keep_their_starts_without_gliding() -> None:
     for name in SCENARIOS:
         with World(name, np.random.default_rng(0)) as world:
-            assert not world.glides
-            assert not world.goal_reached
+            assert not world.gliding.wanted
+            assert not world.goal.reached

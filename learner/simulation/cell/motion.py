@@ -13,12 +13,12 @@ import numpy as np
 from learner.model import Pose
 from learner.model.pose import Array, conjugate, multiply
 from learner.simulation.cell.arm_kinematics import VELOCITY_LIMIT_RAD_PER_S
+from learner.simulation.cell.engine import PERIOD_S
 from learner.simulation.failure import Failure
 
 if TYPE_CHECKING:
     from learner.simulation.cell.physics import World
 
-STEP_S: Final = 1 / 240
 KNOT_STEPS: Final = 8
 """Between two knots of inverse kinematics the joints run straight."""
 GLIDE_KNOTS: Final = 6
@@ -94,11 +94,11 @@ class Around:
 def travel(world: World, path: Path, speed_m_per_s: float, watch: Watch) -> Travel:
     """Follow a path, slowly at its ends, no faster than the joints can; stop where `watch` finds a failure."""
     duration_s = 1.5 * max(path.length_m / speed_m_per_s, path.turn_rad / TURN_RAD_PER_S)
-    knots = max(1, math.ceil(duration_s / (KNOT_STEPS * STEP_S)))
+    knots = max(1, math.ceil(duration_s / (KNOT_STEPS * PERIOD_S)))
     knot = 0
     while knot < knots:
         ahead = min(knot + GLIDE_KNOTS, knots)
-        glides = world.glides and world.may_glide(world.arm.tool_pose, path.at(_smooth(ahead / knots)))
+        glides = world.gliding.wanted and world.gliding.allows(world.arm.tool_pose, path.at(_smooth(ahead / knots)))
         knot = ahead if glides else knot + 1
         fraction = _smooth(knot / knots)
         joints = world.arm.solve(path.at(fraction))
@@ -123,12 +123,12 @@ def _drive(world: World, joints: Array) -> Iterator[Callable[[], None]]:
 
 def _glide(world: World, joints: Array) -> Iterator[Callable[[], None]]:
     """To joint angles at once."""
-    yield functools.partial(world.glide, joints)
+    yield functools.partial(world.gliding.go, joints)
 
 
 def wait(duration_s: float) -> Generator[None, None, None]:
     """Let time pass."""
-    for _ in range(round(duration_s / STEP_S)):
+    for _ in range(round(duration_s / PERIOD_S)):
         yield
 
 
@@ -141,7 +141,7 @@ def _settle(world: World) -> Generator[None, None, None]:
 
 
 def _between(start: Array, end: Array) -> Iterator[Array]:
-    steps = max(KNOT_STEPS, math.ceil(float(np.max(np.abs(end - start) / VELOCITY_LIMIT_RAD_PER_S)) / STEP_S))
+    steps = max(KNOT_STEPS, math.ceil(float(np.max(np.abs(end - start) / VELOCITY_LIMIT_RAD_PER_S)) / PERIOD_S))
     for step in range(1, steps + 1):
         yield start + (end - start) * (step / steps)
 

@@ -15,8 +15,9 @@ from typing import Final, Literal
 from learner.model import Pose
 from learner.model.condition import GripperState
 from learner.simulation.cell.arm_kinematics import inverse
+from learner.simulation.cell.bodies import TABLE, UnknownObjectError
 from learner.simulation.cell.motion import Around, Straight, Travel, travel, wait
-from learner.simulation.cell.physics import TABLE, UnknownObjectError, World
+from learner.simulation.cell.physics import World
 from learner.simulation.failure import Failure
 
 TRAVEL_HEIGHT_M: Final = 0.30
@@ -60,9 +61,9 @@ def pick(world: World, name: str, frame: str, tool_in_frame: Pose) -> Skill:
     """
     _check_object(world, name)
     target = world.frame_in_base(frame) @ tool_in_frame
-    if world.gripper_state == "closed":
+    if world.gripper.state == "closed":
         return SkillResult(Failure("gripper closed", name))
-    world.make_ready(name)
+    world.gripper.make_ready(name)
     failure = yield from approach(world, target, ignored=name)
     if failure is not None:
         return SkillResult(failure)
@@ -145,16 +146,16 @@ def lift(world: World, height_m: float = TRAVEL_HEIGHT_M) -> Travel:
 
 def close_gripper(world: World) -> Generator[None, None, None]:
     """Close until the fingers stand still; what they grasped well is held."""
-    if world.gripper_state == "closed":
+    if world.gripper.state == "closed":
         return
-    grasped = world.close_fingers()
+    grasped = world.gripper.close()
     yield from _until_fingers_stand(world)
-    world.finish_closing(grasped)
+    world.gripper.finish_closing(grasped)
 
 
 def open_gripper(world: World) -> Generator[None, None, None]:
     """Release what is held, and open until the fingers stand still."""
-    world.open_fingers()
+    world.gripper.open()
     yield from _until_fingers_stand(world)
 
 
