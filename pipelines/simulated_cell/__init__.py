@@ -1,1 +1,5 @@
-"""The simulated cell on Zenoh: what `treewright sim` is, and an operator made of a script that teaches it."""
+"""The cell that stands in for a real one, and its scripted operator.
+
+cell answers requests (their fields are checked in fields) and shows itself (showing); operator knows it by the network
+alone.
+"""

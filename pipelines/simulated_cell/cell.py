@@ -15,48 +15,44 @@ Below `treewright/<cell>/sim/` it also answers what a real cell has no answer to
 from __future__ import annotations
 
 import json
-import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Final, Self, get_args
+from typing import Any, Final, Self
 
 import numpy as np
 import zenoh
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from learner.errors import LearnerError
 from learner.model import Pose, check_name
-from learner.model.condition import GripperState
 from learner.simulation.cell import skills
 from learner.simulation.cell.engine import PERIOD_S
 from learner.simulation.cell.physics import World
 from learner.simulation.cell.skills import Skill, SkillResult
 from learner.simulation.failure import Failure
 from learner.simulation.scenarios import BASE, TOOL, sample_spot
-from pipelines.errors import CommandError
 from pipelines.network.ownership import owned
-from pipelines.network.publisher import declare_publisher
+from pipelines.simulated_cell.fields import (
+    BadRequestError,
+    Fields,
+    fields_of,
+    object_in,
+    pose_in,
+    share_in,
+    state_in,
+    text_in,
+)
+from pipelines.simulated_cell.showing import Showing
 
-POSES_ENCODING: Final = "application/protobuf;foxglove.FrameTransforms"
-GRIPPER_ENCODING: Final = "application/json;treewright.GripperState"
-POSES_HZ: Final = 30.0
-GRIPPER_PERIOD_S: Final = 0.5
 TICK_S: Final = 1 / 60
 BURST_S: Final = 0.1
 """The longest time that physics may run before requests are looked at again: a cancelled skill stops within 0.5 s."""
 SKILLS: Final = ("Pick", "Place", "Drop", "SetGripper")
 SIMULATED: Final = ("truth", "scene", "reset", "disturb", "drag", "grip")
-
-Fields = Mapping[str, Any]
-
-
-class BadRequestError(CommandError):
-    """A request that is not as the contract says: answered by an error reply."""
 
 
 @dataclass(frozen=True)
@@ -92,28 +88,22 @@ class Cell:
         self._requests: queue.SimpleQueue[tuple[str, zenoh.Query]] = queue.SimpleQueue()
         self._execution: Execution | None = None
         self._result: SkillResult | None = None
-        self._published_state: GripperState | None = None
-        self._poses_due_s = self._gripper_due_s = -math.inf
         self._failure_rate = 0.0
         self._role = ExitStack()
         self._answers = {"truth": self._truth, "scene": self._scene, "reset": self._reset, "disturb": self._disturb}
 
     def __enter__(self) -> Self:
         self._role.enter_context(owned(self._session, f"{self._root}/sim", f"a cell {self.name!r}"))
-        self._poses = declare_publisher(self._session, f"{self._root}/poses", POSES_ENCODING, 2 * POSES_HZ)
-        self._gripper = declare_publisher(
-            self._session, f"{self._root}/gripper", GRIPPER_ENCODING, 5 / GRIPPER_PERIOD_S
-        )
+        self._showing = self._role.enter_context(Showing(self._session, self.name, self.world))
         keys = [f"skills/{skill}" for skill in (*SKILLS, "cancel")] + [f"sim/{name}" for name in SIMULATED]
-        self._queryables = [self._declare(key) for key in keys]
+        for key in keys:
+            self._role.enter_context(self._declare(key))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop_skill("the cell stops")
-        for declared in (*self._queryables, self._poses, self._gripper):
-            declared.undeclare()
         self._role.close()
 
     def run(self, stop: threading.Event) -> None:
@@ -126,7 +116,7 @@ class Cell:
             last_s = now_s
             self._serve()
             owed_s = self._live(owed_s, now_s + BURST_S)
-            self._publish()
+            self._showing.show()
             self._conclude()
             stop.wait(max(0.0, TICK_S - (time.monotonic() - now_s)))
         self._stop_skill("the cell stops")
@@ -156,9 +146,9 @@ class Cell:
 
     def _handle(self, key: str, query: zenoh.Query) -> None:
         kind, name = key.split("/")
-        fields = _fields_of(query)
+        fields = fields_of(query)
         if key == "skills/cancel":
-            self._reply(key, query, self._cancel(_text(fields, "execution_id")))
+            self._reply(key, query, self._cancel(text_in(fields, "execution_id")))
         elif kind == "skills" or name in ("drag", "grip"):
             self._begin(key, name, fields, query)
         else:
@@ -166,7 +156,7 @@ class Cell:
 
     def _begin(self, key: str, name: str, fields: Fields, query: zenoh.Query) -> None:
         skill = self._skill(name, fields)
-        execution_id = _text(fields, "execution_id") if name in SKILLS else name
+        execution_id = text_in(fields, "execution_id") if name in SKILLS else name
         running = self._execution
         if running is not None:
             reason = f"busy: {running.skill} {running.execution_id} is running; one skill at a time"
@@ -192,19 +182,19 @@ class Cell:
         world = self.world
         match name:
             case "Pick":
-                return skills.pick(world, _text(fields, "object"), _text(fields, "frame"), _pose(fields))
+                return skills.pick(world, text_in(fields, "object"), text_in(fields, "frame"), pose_in(fields))
             case "Place" | "Drop":
-                return skills.place(world, _text(fields, "object"), _text(fields, "frame"), _pose(fields))
+                return skills.place(world, text_in(fields, "object"), text_in(fields, "frame"), pose_in(fields))
             case "drag":
-                return skills.move(world, _pose(fields))
+                return skills.move(world, pose_in(fields))
             case _:
-                return skills.set_gripper(world, _state(fields))
+                return skills.set_gripper(world, state_in(fields))
 
     def _conclude(self) -> None:
         """Answer the request whose skill has ended; what came of it is published before."""
         if self._result is None:
             return
-        self._publish(at_once=True)
+        self._showing.show(at_once=True)
         self._answer(self._result)
 
     def _answer(self, result: SkillResult) -> None:
@@ -230,28 +220,6 @@ class Cell:
             return
         self.world.halt()
         self._answer(self._result or SkillResult(Failure("other", said=reason)))
-
-    def _publish(self, at_once: bool = False) -> None:
-        now_s = time.monotonic()
-        if at_once or now_s >= self._poses_due_s:
-            self._poses_due_s = now_s + 1 / POSES_HZ
-            self._poses.put(self._look())
-        state = self.world.gripper.state
-        if at_once or now_s >= self._gripper_due_s or state != self._published_state:
-            self._gripper_due_s, self._published_state = now_s + GRIPPER_PERIOD_S, state
-            sample = {"stamp_ns": time.time_ns(), "state": state, "width_m": round(self.world.arm.width_m, 5)}
-            self._gripper.put(json.dumps(sample))
-
-    def _look(self) -> bytes:
-        message, stamp_ns = FrameTransforms(), time.time_ns()
-        for child, pose in {**self.world.observe(), TOOL: self.world.arm.tool_pose}.items():
-            transform = message.transforms.add(parent_frame_id=BASE, child_frame_id=child)
-            transform.timestamp.FromNanoseconds(stamp_ns)
-            for field, values in ((transform.translation, pose.position), (transform.rotation, pose.quaternion_xyzw)):
-                for axis, value in zip("xyzw", values, strict=False):
-                    setattr(field, axis, value)
-        serialized: bytes = message.SerializeToString()
-        return serialized
 
     def _reply(self, key: str, query: zenoh.Query, answer: Fields) -> None:
         with query:
@@ -286,82 +254,29 @@ class Cell:
             raise BadRequestError("seed is a whole number from 0")
         self._stop_skill("the world was reset")
         self.world.reset(self._rng if seed is None else np.random.default_rng(seed))
-        self._publish(at_once=True)
+        self._showing.show(at_once=True)
         return self._truth(fields)
 
     def _disturb(self, fields: Fields) -> Fields:
         if "skill_failure_rate" in fields:
-            self._failure_rate = _share(fields, "skill_failure_rate")
+            self._failure_rate = share_in(fields, "skill_failure_rate")
         elif "take_from_gripper" in fields:
             if self.world.held is None:
                 raise BadRequestError("nothing is held that could be taken from the gripper")
-            self._teleport(self.world.held, _object(fields["take_from_gripper"]))
+            self._teleport(self.world.held, object_in(fields["take_from_gripper"]))
         else:
-            self._teleport(_text(fields, "object"), fields)
+            self._teleport(text_in(fields, "object"), fields)
         return self._truth(fields)
 
     def _teleport(self, name: str, fields: Fields) -> None:
         world = self.world
         present = world.pose_in_base(name)
         if "position" in fields:
-            pose = _pose({"orientation": present.quaternion_xyzw, **fields})
+            pose = pose_in({"orientation": present.quaternion_xyzw, **fields})
         else:
             others = {other: pose for other, pose in world.poses_in_base().items() if other != name}
             pose = sample_spot(world.scenario, name, others, self._rng)
         world.teleport(name, pose, with_content=fields.get("with_content") is not False)
-
-
-def _fields_of(query: zenoh.Query) -> Fields:
-    payload = query.payload.to_bytes() if query.payload is not None else b""
-    try:
-        return _object(json.loads(payload or b"{}"))
-    except ValueError as error:
-        raise BadRequestError(f"the request is not JSON: {error}") from error
-
-
-def _object(value: Any) -> Fields:
-    if not isinstance(value, dict):
-        raise BadRequestError("the request is not a JSON object")
-    return value
-
-
-def _text(fields: Fields, name: str) -> str:
-    value = fields.get(name)
-    if not isinstance(value, str) or not value:
-        raise BadRequestError(f"{name} is missing: it is a text")
-    return value
-
-
-def _state(fields: Fields) -> GripperState:
-    states: tuple[GripperState, ...] = get_args(GripperState)
-    state = fields.get("state")
-    if state not in states:
-        raise BadRequestError(f"state is open or closed, not {state!r}")
-    return states[states.index(state)]
-
-
-def _pose(fields: Fields) -> Pose:
-    """The pose of the fields position [m] and orientation (xyzw)."""
-    return Pose.of(_numbers(fields, "position", 3), _numbers(fields, "orientation", 4))
-
-
-def _numbers(fields: Fields, name: str, length: int) -> list[float]:
-    values = fields.get(name)
-    whole = isinstance(values, list | tuple) and len(values) == length
-    if not whole or not all(_is_finite(value) for value in values or ()):
-        raise BadRequestError(f"{name} is an array of {length} finite numbers")
-    return [float(value) for value in values or ()]
-
-
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _share(fields: Fields, name: str) -> float:
-    value = fields[name]
-    if not _is_finite(value) or not 0.0 <= value <= 1.0:
-        raise BadRequestError(f"{name} is a number from 0 to 1")
-    return float(value)
 
 
 def _to_data(pose: Pose) -> Fields:

@@ -7,7 +7,6 @@ random, the hand misses by some millimetres, the order and the pauses differ.
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,8 +24,8 @@ from learner.simulation.script import ScriptedMove
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.publisher import declare_publisher
 from pipelines.network.question import ask
+from recorder.wire import ACTION_ENCODING, action_message
 
-ACTION_ENCODING: Final = "application/json;treewright.DemonstratedAction"
 DRAG_LIMIT_S: Final = 120.0
 QUARTER_TURNS: Final = (0, 1, -1, 2)
 
@@ -77,7 +76,7 @@ class ScriptedOperator:
         self, session: zenoh.Session, cell: str, scenario: Scenario, rng: np.random.Generator, behavior: Behavior
     ) -> None:
         self._session, self._root = session, f"treewright/{cell}"
-        self._scenario, self._rng, self._habits = scenario, rng, behavior
+        self._scenario, self._rng, self._behavior = scenario, rng, behavior
         self._turn_of_grasp = 0
 
     def reset(self) -> None:
@@ -150,13 +149,12 @@ class ScriptedOperator:
             raise DemonstrationFailedError(f"{step.object} cannot be brought to {step.frame}: {reason}")
         self._press(step.type, step.object)
         self._grip("open")
-        time.sleep(self._habits.settle_s)
+        time.sleep(self._behavior.settle_s)
 
     def _press(self, kind: str, name: str) -> None:
         self._pause()
-        action = {"stamp_ns": time.time_ns(), "type": kind}
-        named = {"object": name} if self._habits.presses_name_object else {}
-        self._action.put(json.dumps(action | named))
+        named = name if self._behavior.presses_name_object else None
+        self._action.put(action_message(time.time_ns(), kind, object=named))
         # A button is pressed before the fingers move, and the two are not one movement.
         self._pause()
 
@@ -182,11 +180,11 @@ class ScriptedOperator:
         return {name: Pose.of(pose["position"], pose["orientation"]) for name, pose in poses.items()}
 
     def _with_hand_noise(self, target: Pose) -> Pose:
-        position = np.add(target.position, self._rng.normal(0.0, self._habits.hand_m, 3))
-        return _over(position, _yaw(target) + float(self._rng.normal(0.0, self._habits.hand_rad)))
+        position = np.add(target.position, self._rng.normal(0.0, self._behavior.hand_m, 3))
+        return _over(position, _yaw(target) + float(self._rng.normal(0.0, self._behavior.hand_rad)))
 
     def _pause(self) -> None:
-        time.sleep(float(self._rng.uniform(*self._habits.pause_s)))
+        time.sleep(float(self._rng.uniform(*self._behavior.pause_s)))
 
     def _ask(self, key: str, fields: Mapping[str, Any], timeout_s: float = 10.0) -> dict[str, Any]:
         return ask(self._session, f"{self._root}/{key}", fields, timeout_s)
