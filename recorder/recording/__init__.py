@@ -13,10 +13,11 @@ of them, parts orders the files of a split demonstration, and reading makes one 
 of these use, knows MCAP's bytes and their checksums.
 """
 
+from recorder.recording.decoding import ReadFile
 from recorder.recording.demonstrated import CONTRACT, DEMONSTRATION, Demonstrated, parse_scene
 from recorder.recording.parts import all_parts, sort_parts
 from recorder.recording.reader import messages, read_header, sha256_of
-from recorder.recording.reading import read_recording
+from recorder.recording.reading import join_files, read_recording
 from recorder.recording.writer import LIBRARY, UNFINISHED, Finished, RecordingWriter
 
 __all__ = [
@@ -26,8 +27,10 @@ __all__ = [
     "UNFINISHED",
     "Demonstrated",
     "Finished",
+    "ReadFile",
     "RecordingWriter",
     "all_parts",
+    "join_files",
     "messages",
     "parse_scene",
     "read_header",

@@ -20,8 +20,10 @@ from recorder.wire import ACTION, GRIPPER, POSES, Sighting
 _Parsed = TypeVar("_Parsed")
 
 
-class DecodedFile:
-    """One file, decoded. What cannot be is left out and noted, as long as its topic holds anything else."""
+class ReadFile:
+    """One file, decoded: what was `demonstrated`, and what its messages hold. What cannot be decoded is left out and
+    noted, as long as its topic holds anything else. Raises as `read_recording`.
+    """
 
     def __init__(self, file: Path) -> None:
         self.file = file

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from recorder.errors import PartMissingError, RecorderError
@@ -15,7 +15,12 @@ def sort_parts(files: Sequence[Path]) -> list[Path]:
 
     Raises PartMissingError if one is missing, RecorderError if they are not parts of one demonstration.
     """
-    headers = {file: read_header(file) for file in files}
+    return in_order({file: read_header(file) for file in files})
+
+
+def in_order(headers: Mapping[Path, Demonstrated]) -> list[Path]:
+    """The same by headers that were read. Raises as `sort_parts`."""
+    files = list(headers)
     ordered = sorted(files, key=lambda file: headers[file].part or 1)
     numbers = [headers[file].part or 1 for file in ordered]
     identifier = headers[ordered[0]].demonstration_id

@@ -11,9 +11,9 @@ import numpy as np
 from learner.model import Recording, Scene, Track
 from recorder.clocks import Arrived, Straight, straighten
 from recorder.errors import NotARecordingError, RecorderError
-from recorder.recording.decoding import DecodedFile
+from recorder.recording.decoding import ReadFile
 from recorder.recording.demonstrated import parse_scene
-from recorder.recording.parts import sort_parts
+from recorder.recording.parts import in_order
 from recorder.recording.reader import sha256_of
 from recorder.wire import Sighting
 
@@ -30,8 +30,16 @@ def read_recording(paths: Sequence[Path]) -> Recording:
     """
     if not paths:
         raise RecorderError("a recording is at least one file")
-    files = sort_parts(paths)
-    parts = [DecodedFile(file) for file in files]
+    read = [ReadFile(file) for file in paths]
+    return join_files(read, sha256_of(in_order({each.file: each.demonstrated for each in read})))
+
+
+def join_files(read: Sequence[ReadFile], sha256: str) -> Recording:
+    """The recording of one file, or of all parts of a split one, whose bytes have this digest; raises as
+    `read_recording` does.
+    """
+    by_file = {each.file: each for each in read}
+    parts = [by_file[file] for file in in_order({each.file: each.demonstrated for each in read})]
     first, last = parts[0].demonstrated, parts[-1].demonstrated
     scene = next((part.demonstrated.scene for part in parts if part.demonstrated.scene), None)
     straight = _straight(first.base_frame, parts)
@@ -47,10 +55,10 @@ def read_recording(paths: Sequence[Path]) -> Recording:
         tracks={child: _track(seen) for child, seen in sorted(straight.sightings.items()) if seen},
         gripper=tuple(sorted(straight.gripper, key=lambda sample: sample.stamp_ns)),
         presses=tuple(sorted(dict.fromkeys(straight.presses), key=lambda press: press.stamp_ns)),
-        sha256=sha256_of(files),
+        sha256=sha256,
         start_ns=first.start_ns,
         messages_lost=_joined_losses([part.demonstrated.messages_lost for part in parts]),
-        scene=None if scene is None else _scene(files[0], scene),
+        scene=None if scene is None else _scene(parts[0].file, scene),
         parents=frozenset().union(*(part.parents for part in parts)),
         gaps=tuple(dict.fromkeys(gap for part in parts for gap in part.demonstrated.gaps)),
         notes=(*straight.notes, *dict.fromkeys(note for part in parts for note in part.oddities.sentences)),
@@ -75,7 +83,7 @@ def _joined_losses(parts: Sequence[Mapping[str, int | None] | None]) -> dict[str
     return total if counted else None
 
 
-def _straight(base_frame: str, parts: Sequence[DecodedFile]) -> Straight:
+def _straight(base_frame: str, parts: Sequence[ReadFile]) -> Straight:
     """What all parts hold, on one timeline."""
     joined: dict[str, list[Arrived[Sighting]]] = defaultdict(list)
     for part in parts:
