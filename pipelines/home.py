@@ -6,6 +6,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
+
+TOKEN: Final = "TREEWRIGHT_TOKEN"
+"""Names the variable with the token by which a service takes recordings from elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,14 @@ class Home:
     def recordings(self) -> Path:
         """Finished MCAP files, `<cell>/<demonstration_id>.mcap`; open ones end in `.mcap.part` beside them."""
         return self.root / "recordings"
+
+    @property
+    def arriving(self) -> Path:
+        """Recordings that are on their way here, `<sha256>.part`, and which have arrived, `<sha256>.json`.
+
+        On the disk of the recordings, so that what is whole takes its place at once; no cell has such a name.
+        """
+        return self.recordings / ".arriving"
 
     @property
     def lake(self) -> Path:

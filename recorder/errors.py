@@ -9,6 +9,8 @@ RecorderError
 ├── RequestRefusedError             a request on recorder/**; its sentence is the error reply
 ├── SecondRecorderError             another recorder serves this cell
 ├── DiskError                       no room, or no right to write; may pass
+├── LinkError                       the service does not take a recording now; may pass
+├── UploadRefusedError              the service does not take a recording; will not pass
 └── ImportRefusedError              a folder of YAML demonstrations, or a bag, that cannot become recordings
 """
 
@@ -70,6 +72,14 @@ class SecondRecorderError(RecorderError):
 
 class DiskError(RecorderError):
     """The data root is full or cannot be written."""
+
+
+class LinkError(RecorderError):
+    """The service cannot be reached, or cannot take a recording now."""
+
+
+class UploadRefusedError(RecorderError):
+    """The service refuses a recording, such as for a wrong token; the sentence says why."""
 
 
 class ImportRefusedError(RecorderError):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Any, Final, Self
 
 import uvicorn
-from fastapi import FastAPI, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
@@ -37,8 +37,8 @@ READ: Final = ["GET", "HEAD"]
 START_S: Final = 10.0
 
 
-def make_app(store: ArtifactStore) -> FastAPI:
-    """The application that answers from `store`: tasks, versions, manifests and trees, read-only."""
+def make_app(store: ArtifactStore, others: Iterable[APIRouter] = ()) -> FastAPI:
+    """The application that answers from `store`: tasks, versions, manifests and trees, read-only; and `others`."""
     app = FastAPI(title="treewright artifacts", openapi_url=None)
 
     @app.api_route("/v1/tasks", methods=READ)
@@ -62,6 +62,8 @@ def make_app(store: ArtifactStore) -> FastAPI:
         artifact = store.get(task, ref)
         return _answer(request, render(artifact), media_type, artifact.digest)
 
+    for router in others:
+        app.include_router(router)
     for kind, status in STATUS.items():
         app.add_exception_handler(kind, _handler(status))
     app.add_exception_handler(HTTPException, _refused_by_framework)
@@ -70,12 +72,12 @@ def make_app(store: ArtifactStore) -> FastAPI:
 
 
 class StoreOnHttp:
-    """Serves `store` on `host:port` (port 0: any free one) in a thread while the context is open.
+    """Serves `store`, and what `others` answer, on `host:port` (port 0: any free one) in a thread of this context.
 
     `url` is where. Raises StorageUnavailableError if the address cannot be used.
     """
 
-    def __init__(self, store: ArtifactStore, host: str, port: int) -> None:
+    def __init__(self, store: ArtifactStore, host: str, port: int, others: Iterable[APIRouter] = ()) -> None:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             self._socket = socket.create_server((host, port), family=family)
@@ -85,7 +87,9 @@ class StoreOnHttp:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.port = int(self._socket.getsockname()[1])
         self.url = f"http://[{host}]:{self.port}" if ":" in host else f"http://{host}:{self.port}"
-        config = uvicorn.Config(make_app(store), log_level="warning", lifespan="off", timeout_graceful_shutdown=2)
+        config = uvicorn.Config(
+            make_app(store, others), log_level="warning", lifespan="off", timeout_graceful_shutdown=2
+        )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, args=([self._socket],), name="http", daemon=True)
 

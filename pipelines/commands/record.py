@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.options import MEGABYTES, real, seconds
 from pipelines.console import Console
-from pipelines.home import Home
+from pipelines.errors import CommandError
+from pipelines.home import TOKEN, Home
 from pipelines.network.session import add_zenoh_arguments, open_session
+
+if TYPE_CHECKING:
+    from recorder.upload.carrier import Destination
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=256,
         metavar="MB",
         help="memory while the disk is slow",
+    )
+    parser.add_argument(
+        "--upload",
+        metavar="URL",
+        help="bring finished recordings to a service (default TREEWRIGHT_UPLOAD_URL); its token is TREEWRIGHT_TOKEN",
     )
     add_zenoh_arguments(parser)
 
@@ -68,7 +78,19 @@ def _options(arguments: argparse.Namespace) -> Any:
         split_bytes=None if arguments.split_mb is None else int(arguments.split_mb * (1 << 20)),
         split_s=arguments.split_s,
         patterns=Patterns(arguments.include, arguments.exclude),
+        upload_to=_destination(arguments.upload or os.environ.get("TREEWRIGHT_UPLOAD_URL")),
     )
+
+
+def _destination(url: str | None) -> Destination | None:
+    from recorder.upload.carrier import Destination
+
+    if not url:
+        return None
+    token = os.environ.get(TOKEN)
+    if not token:
+        raise CommandError(f"the service at {url} takes recordings with its token alone; set {TOKEN}")
+    return Destination(url, token)
 
 
 def _show(console: Console, event: dict[str, Any]) -> None:

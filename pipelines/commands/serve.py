@@ -2,8 +2,9 @@
 
 With --json one object a line: {"ready": true} when all is up; {"stamp_ns", "event": "serving", "http", "prefect"} with
 the addresses (`prefect` null with --store-only); {"stamp_ns", "event", "task", "version", "alias", "digest"} for every
-change of the store (`event` is `published` or `alias`); and {"stamp_ns", "event": "unavailable", "reason"} where the
-store does not answer for a while.
+change of the store (`event` is `published` or `alias`); {"stamp_ns", "event": "received", "cell", "file"} for every
+recording that a recorder elsewhere has brought, which it may with the token that TREEWRIGHT_TOKEN holds; and
+{"stamp_ns", "event": "unavailable", "reason"} where the store does not answer for a while.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pipelines.commands.options import PERIOD, PORT
 from pipelines.console import Console
-from pipelines.home import Home
+from pipelines.home import TOKEN, Home
 from pipelines.network.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         prefect_url=os.environ.get("PREFECT_API_URL") or None,
         period_s=arguments.period,
         flows=not arguments.store_only,
+        token=os.environ.get(TOKEN) or None,
     )
 
 
@@ -90,6 +92,9 @@ def _tell(console: Console, event: Mapping[str, Any]) -> None:
     console.emit(event)
     if event["event"] == "unavailable":
         console.warn(event["reason"])
+        return
+    if event["event"] == "received":
+        console.say(f"received {event['file']}")
         return
     name = f"{event['task']}@{event['version']}"
     console.say(f"published {name}" if event["event"] == "published" else f"{event['alias']} is now {name}")

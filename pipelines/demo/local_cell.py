@@ -31,6 +31,7 @@ FOREIGN: Final = (
     "TREEWRIGHT_LISTEN",
     "TREEWRIGHT_ZENOH_CONFIG",
     "TREEWRIGHT_STORE_URL",
+    "TREEWRIGHT_UPLOAD_URL",
     "PREFECT_API_URL",
 )
 """What would lead its processes to another network, store or server than its own."""

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pipelines.home import Home
 from pipelines.network.ownership import owned
 from pipelines.service.child import Child
 from pipelines.service.prefect_server import check_api, flow_runner, prefect_server
+from pipelines.service.receiving import receiving
+from pipelines.steps.arrivals import Arrivals
 from pipelines.steps.stores import open_store
 from storage.artifacts import ArtifactStore
 from storage.client import PREFIX
@@ -38,6 +42,8 @@ class Settings:
     prefect_url: str | None
     period_s: float
     flows: bool = True
+    token: str | None = None
+    """With it recorders elsewhere may bring recordings; without, nobody."""
 
 
 @contextmanager
@@ -50,11 +56,18 @@ def service(home: Home, session: zenoh.Session, settings: Settings, stop: thread
     with ExitStack() as stack:
         store = stack.enter_context(open_store(home))
         # The store first: it is quick, and what cannot be served is said before anything is started.
-        http = stack.enter_context(StoreOnHttp(store, settings.host, settings.port))
+        told: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
+        routes = receiving(Arrivals(home, lambda file: told.put(_received(file))), settings.token)
+        http = stack.enter_context(StoreOnHttp(store, settings.host, settings.port, [routes]))
         stack.enter_context(owned(session, f"{PREFIX}/serve", "an artifact store of this network"))
         stack.enter_context(StoreOnZenoh(session, store))
         children, prefect = _flows(stack, home, settings, stop) if settings.flows else ([], None)
-        yield Service(store, http.url, prefect, children)
+        yield Service(store, http.url, prefect, children, told)
+
+
+def _received(file: Path) -> Mapping[str, Any]:
+    """The event of a recording that has arrived. The schedule ingests it."""
+    return {"stamp_ns": time.time_ns(), "event": "received", "cell": file.parent.name, "file": str(file)}
 
 
 def _flows(stack: ExitStack, home: Home, settings: Settings, stop: threading.Event) -> tuple[list[Child], str]:
@@ -71,19 +84,29 @@ def _flows(stack: ExitStack, home: Home, settings: Settings, stop: threading.Eve
 class Service:
     """What is up: where the store and Prefect answer, and the processes that must stay alive."""
 
-    def __init__(self, store: ArtifactStore, http: str, prefect: str | None, children: list[Child]) -> None:
+    def __init__(
+        self,
+        store: ArtifactStore,
+        http: str,
+        prefect: str | None,
+        children: list[Child],
+        told: queue.SimpleQueue[Mapping[str, Any]],
+    ) -> None:
         self.http, self.prefect = http, prefect
-        self._store, self._children = store, children
+        self._store, self._children, self._told = store, children, told
 
     def watch(self, stop: threading.Event, report: Report) -> None:
-        """Report every change of the store until `stop` is set. Raises ChildFailedError if a child ends by itself.
+        """Report every change of the store, and what arrives, until `stop` is set.
 
-        A store that does not answer for a while is reported once and asked again.
+        Raises ChildFailedError if a child ends by itself. A store that does not answer for a while is reported once
+        and asked again.
         """
         told, unavailable = self._store.last_change(), False
         while not stop.wait(POLL_S):
             for child in self._children:
                 child.check()
+            while not self._told.empty():
+                report(self._told.get())
             try:
                 for change in self._store.changes(after=told):
                     report({name: value for name, value in vars(change).items() if name != "serial"})

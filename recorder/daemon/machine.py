@@ -25,6 +25,8 @@ from recorder.recording import Demonstrated
 from recorder.teaching.feedback import Plausible, Sightings
 from recorder.teaching.presses import Presses
 from recorder.teaching.watch import Watch
+from recorder.upload.carrier import Destination
+from recorder.upload.uploader import Uploader
 
 State = Literal["idle", "recording", "paused"]
 LOOK_S: Final = 0.02
@@ -44,13 +46,15 @@ class Options:
     split_bytes: int | None = None
     split_s: float | None = None
     patterns: Patterns = field(default_factory=Patterns)
+    upload_to: Destination | None = None
+    """The service to which finished recordings travel."""
     plausible: Plausible = field(default_factory=Plausible)
 
 
 class Machine:
     """Idle, recording or paused. All but `state`, `take` and `status` is for one thread, that of the requests.
 
-    `submit` has something done on that thread.
+    `submit` has something done on that thread; `uploader` is told of what is finished, if there is one.
     """
 
     def __init__(
@@ -64,13 +68,14 @@ class Machine:
         notices: Notices,
         voice: Voice,
         submit: Callable[[Callable[[], None]], None],
+        uploader: Uploader | None,
     ) -> None:
         self.cell, self.folder, self.options = cell, folder, options
         self.rate = disk.Rate()
         self.take: Take | None = None
         """The demonstration being recorded."""
         self._receiver, self._caches, self._watch = receiver, caches, watch
-        self._notices, self._voice, self._submit = notices, voice, submit
+        self._notices, self._voice, self._submit, self._uploader = notices, voice, submit, uploader
         self._paused = False
 
     @property
@@ -185,6 +190,7 @@ class Machine:
             "notes": list(self._notices.sentences) if take else [],
             "unseen": list(self._unseen(take)) if take else [],
             "part": take.demonstrated.part if take else None,
+            "uploads": self._uploader.to_data() if self._uploader else None,
         }
 
     # --- what happens by itself
@@ -239,6 +245,8 @@ class Machine:
         finished = take.finish(outcome, balance, notes)
         report = take.report(finished, balance, notes)
         self._voice.tell("stop", outcome=outcome, **report, **more)
+        if self._uploader:
+            self._uploader.add(part.file for part in (*take.parts, finished))
         return report
 
     def _needs_to_be_seen(self, start: Start) -> None:

@@ -24,6 +24,8 @@ from recorder.intake.receiving import Arrival, Receiver
 from recorder.notices import Notices
 from recorder.recovery import recover_folder, sole_recorder
 from recorder.teaching.watch import Watch
+from recorder.upload.carrier import Destination
+from recorder.upload.uploader import Uploader
 
 ALONE_S: Final = (0.0, 0.2, 0.3)
 """Between the looks for another recorder."""
@@ -57,9 +59,19 @@ class Recorder:
         self.receiver = Receiver(self._prefix, options.patterns, options.pre_roll_s, self._hear, watch.note, notices)
         self._caches = Caches(session, self._prefix, self.receiver)
         self._desk = Desk(session, self._key(""), self._fence, self._fulfil, self.voice)
+        self._uploader = self._make_uploader(options.upload_to) if options.upload_to else None
         submit = self._desk.submit
         self.machine = Machine(
-            self.cell, self.folder, options, self.receiver, self._caches, watch, notices, self.voice, submit
+            self.cell,
+            self.folder,
+            options,
+            self.receiver,
+            self._caches,
+            watch,
+            notices,
+            self.voice,
+            submit,
+            self._uploader,
         )
         self._buttons = Buttons(self.machine, self.receiver, watch, self.voice, submit)
         self._upkeep = Upkeep(self.machine, self.receiver, watch, notices, self.voice, self._desk)
@@ -75,6 +87,8 @@ class Recorder:
             undo.enter_context(self._session.liveliness().declare_token(self._key("alive")))
             undo.enter_context(self._session.declare_subscriber(f"{self._prefix}**", self.receiver.receive))
             undo.enter_context(self._caches)
+            if self._uploader:
+                undo.enter_context(self._uploader)
             undo.callback(self.machine.close)
             undo.enter_context(self._desk)
             undo.enter_context(self._upkeep)
@@ -85,6 +99,16 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._opened.close()
+
+    def _make_uploader(self, destination: Destination) -> Uploader:
+        return Uploader(
+            self.folder,
+            self.cell,
+            destination,
+            held_back=lambda: self.machine.take.demonstration_id if self.machine.take else None,
+            tell=lambda event, more: self.voice.tell(event, **more),
+            alarm=self.voice.alarm,
+        )
 
     @property
     def state(self) -> State:
