@@ -88,10 +88,10 @@ class Account:
         self.seen_ns = stamp_ns
         self._remember(number, stamp_ns)
 
-    def add_missing(self, number: int, stamp_ns: int) -> bool:
-        """A number of the past has arrived; whether it was missing."""
+    def add_missing(self, number: int, stamp_ns: int) -> Gap | None:
+        """A number of the past has arrived; the gap in which it was missing, None if it was not."""
         filled = self._fill(number)
-        if filled:
+        if filled is not None:
             self._remember(number, stamp_ns)
         return filled
 
@@ -137,7 +137,7 @@ class Account:
         began.gaps += [gap for gap in self.gaps if self._age(gap.first) < self._age(last)]
         self.gaps = [gap for gap in self.gaps if self._age(gap.first) >= self._age(last)]
         for taken, at_ns in began.stamps.items():
-            if began._fill(taken):
+            if began._fill(taken) is not None:
                 self.gaps.append(Gap(self.topic, self.source, taken, taken, at_ns, at_ns, began.counted))
 
     def losses(self) -> list[Loss]:
@@ -167,12 +167,12 @@ class Account:
             for old in list(islice(self.stamps, _MEMORY)):
                 del self.stamps[old]
 
-    def _fill(self, number: int) -> bool:
+    def _fill(self, number: int) -> Gap | None:
         for index, gap in enumerate(self.gaps):
             if gap.first <= number <= gap.last and not gap.extra:
                 self.gaps[index : index + 1] = gap.without(number)
-                return True
-        return False
+                return gap
+        return None
 
 
 def _join_oldest(gaps: list[Gap]) -> None:

@@ -89,7 +89,8 @@ class Ledger:
     def arrived(self, topic: str, source: Source, number: int, stamp_ns: int, cached: bool = False) -> bool:
         """A numbered sample is here, from the network or out of the publisher's cache.
 
-        Returns False if it was here before, or was given up before the recording. A source whose numbers have begun
+        Returns False if it was here before, or was given up before the recording; and out of a cache, if it was
+        published when nothing was recorded. A source whose numbers have begun
         anew gets a new account, from 0 on; see `take_restarts`.
         """
         account = self._accounts.get(source)
@@ -104,8 +105,9 @@ class Ledger:
         return True
 
     def _arrived_behind(self, account: Account, number: int, stamp_ns: int, cached: bool) -> bool:
-        if account.add_missing(number, stamp_ns):
-            return True
+        filled = account.add_missing(number, stamp_ns)
+        if filled is not None:
+            return filled.counted or not cached
         if not account.began_anew(number, stamp_ns, cached):
             return False
         self._begin_anew(account, number, stamp_ns)

@@ -27,6 +27,8 @@ from recorder.daemon import Options, Recorder
 from recorder.intake.routes import NO_CHANNEL
 from recorder.recording import messages, read_header
 
+LONG_S = 100.0
+"""A stream that is silent for a moment is taken for what is latched, and a busy machine makes such moments."""
 KEY = f"{PREFIX}/force"
 
 
@@ -146,7 +148,10 @@ def test_a_publisher_that_dies_and_returns_is_followed(tmp_path: Path) -> None:
     assert stopped["lost"] == {"/force": 0}
 
 
-def test_what_was_published_before_the_start_is_neither_recorded_nor_lost(tmp_path: Path) -> None:
+def test_what_was_published_before_the_start_is_neither_recorded_nor_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recorder.intake.latched.SILENT_S", LONG_S)
     with recording_cell(tmp_path) as cell, advanced_publisher(cell.session, KEY) as publisher:
         for number in range(100):
             publisher.put(str(number))
@@ -281,8 +286,9 @@ def test_keys_without_number_leave_room_for_the_essential_and_for_the_next_demon
 
 
 @pytest.mark.parametrize("numbered", [True, False])
-def test_what_is_latched_is_in_every_file(tmp_path: Path, numbered: bool) -> None:
+def test_what_is_latched_is_in_every_file(tmp_path: Path, numbered: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Published once, before the recorder was even there; streams begin with what comes after the start."""
+    monkeypatch.setattr("recorder.intake.latched.SILENT_S", LONG_S)
     miss = ze.MissDetectionConfig(heartbeat=0.1) if numbered else None
     with contextlib.ExitStack() as opened:
         endpoint = free_endpoint()

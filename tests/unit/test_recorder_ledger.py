@@ -64,6 +64,16 @@ def test_what_was_missing_before_the_start_does_not_count_but_is_let_in() -> Non
     assert not ledger.arrived("/force", S, 3, 0)
 
 
+def test_what_a_cache_has_from_before_the_start_is_left_out() -> None:
+    ledger = Ledger()
+    ledger.heard("/force", S, 4, 0)
+    ledger.begin()
+    assert not ledger.arrived("/force", S, 3, 0, cached=True)
+    assert ledger.arrived("/force", S, 6, 0, cached=True)
+    assert ledger.arrived("/force", S, 5, 0, cached=True)
+    assert ledger.lost(["/force"]) == {"/force": 0}
+
+
 def test_what_is_missed_while_paused_does_not_count() -> None:
     ledger = counting()
     ledger.pause()
