@@ -22,7 +22,7 @@ COMMANDS: Final = {
     "demos": "what was demonstrated, and leaving one out",
     "learn": "cluster, infer, plan, verify and publish the tree of a task",
     "approve": "a person takes on what is doubted of a tree",
-    "store": "the artifact store: list, show, export, alias, verify",
+    "store": "the artifact store: list, show, diff, export, alias, verify",
     "run": "a cell controller: fetch a tree, check it, execute it",
     "world": "the conditions of a cell, answered for other engines",
     "recover": "complete a torn recording from its whole chunks",

@@ -2,6 +2,7 @@
 
     list                              the tasks with all versions and aliases
     show T[@V]                        a page for people; with --json the manifest
+    diff T[@V] T[@V]                  what changed in words: goals, order, frames, poses in millimetres, tolerances
     export T[@V] --format F -o FILE   the tree as btcpp (XML), json or svg; `-` is standard output
     alias T NAME VERSION              let an alias point to a version; `production` moves by this alone
     verify T[@V]                      hash everything again, validate the XML, compare with the manifest
@@ -12,6 +13,9 @@
              "nodes", "nodes_recovery", "aliases": [name], "doubtful", "approved"}]}], version and digest the newest;
              a version whose manifest is damaged says so in "damaged", and what only that tells is null
     show     the manifest with "aliases": [name], "doubtful": [sentence] and "approved": [{"by", "stamp_ns"}] added
+    diff     {"from": {"task", "version", "digest"}, "to": the same, "equal", "changes": [{"what", "object", "sentence",
+             "before", "after"}]}, `what` being goal, order, label, frame, pose, tolerance, structure, recovery,
+             evidence or doubt
     export   {"task", "version", "digest", "format", "file"}
     alias    {"task", "alias", "version", "changed"}
     verify   {"task", "version", "digest", "verified": true}
@@ -47,6 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add(actions, "show", "what a version does, and how sure that is").add_argument(
         "tree", metavar="T[@V]", help=_TREE_HELP
     )
+    diff = _add(actions, "diff", "what changed between two versions, in words")
+    diff.add_argument("tree", metavar="T[@V]", help=_TREE_HELP)
+    diff.add_argument("other", metavar="T[@V]", help="the version that it is compared with, likewise")
     export = _add(actions, "export", "write a tree")
     export.add_argument("tree", metavar="T[@V]", help=_TREE_HELP)
     export.add_argument("--format", choices=FORMATS, default="btcpp", help="BehaviorTree.CPP XML, JSON or a picture")
@@ -106,14 +113,23 @@ def _line(name: str, version: Mapping[str, Any]) -> str:
 def _show(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
     from pipelines.steps.page import page_of
 
-    artifact = _chosen(store, arguments)
+    artifact = _chosen(store, arguments.tree)
     document = {**artifact.manifest, **artifact.standing.to_data(), "aliases": list(artifact.aliases)}
     console.emit(document)
     console.say(page_of(artifact))
 
 
+def _diff(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
+    from pipelines.steps.comparison import compared, comparison_of, comparison_to_data
+
+    old, new = _chosen(store, arguments.tree), _chosen(store, arguments.other)
+    changes = compared(old, new)
+    console.emit(comparison_to_data(old, new, changes))
+    console.say(comparison_of(old, new, changes))
+
+
 def _export(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
-    artifact = _chosen(store, arguments)
+    artifact = _chosen(store, arguments.tree)
     text = _rendered(artifact, arguments.format)
     if arguments.output == STANDARD_OUTPUT:
         sys.stdout.write(text)
@@ -134,7 +150,7 @@ def _alias(store: ArtifactStore, arguments: argparse.Namespace, console: Console
 
 
 def _verify(store: ArtifactStore, arguments: argparse.Namespace, console: Console) -> None:
-    chosen = _reference(arguments)
+    chosen = _reference(arguments.tree)
     artifact = store.verify(*chosen)
     console.say(f"{artifact.task}@{artifact.version} is whole and valid: digest {artifact.digest}")
     console.emit({"task": artifact.task, "version": artifact.version, "digest": artifact.digest, "verified": True})
@@ -143,21 +159,22 @@ def _verify(store: ArtifactStore, arguments: argparse.Namespace, console: Consol
 ACTIONS: Final[dict[str, Callable[[ArtifactStore, argparse.Namespace, Console], None]]] = {
     "list": _list,
     "show": _show,
+    "diff": _diff,
     "export": _export,
     "alias": _alias,
     "verify": _verify,
 }
 
 
-def _reference(arguments: argparse.Namespace) -> tuple[str, str | int | None]:
+def _reference(text: str) -> tuple[str, str | int | None]:
     from pipelines.reference import Reference
 
-    reference = Reference.parse(arguments.tree)
+    reference = Reference.parse(text)
     return reference.task, reference.alias if reference.version is None else reference.version
 
 
-def _chosen(store: ArtifactStore, arguments: argparse.Namespace) -> Artifact:
-    return store.get(*_reference(arguments))
+def _chosen(store: ArtifactStore, text: str) -> Artifact:
+    return store.get(*_reference(text))
 
 
 def _rendered(artifact: Artifact, format_: str) -> str:

@@ -95,6 +95,34 @@ def test_store_show_tells_the_manifest_of_production_else_latest(home: Home) -> 
     assert home.json("store", "show", "kitting@latest")["version"] == 2
 
 
+def test_store_diff_tells_in_words_what_changed(home: Home) -> None:
+    page = home.run("store", "diff", "kitting@1", "kitting@2")
+    assert page.startswith("kitting@1 (1 node, and 0 that only recover) and kitting@2 (")
+    assert "Poses:\n  - the hand lets A go 100.0 mm off (+100.0, +0.0, +0.0) relative to box" in page
+    told = home.json("store", "diff", "kitting@1", "kitting@latest")
+    assert told["from"] == {"task": "kitting", "version": 1, "digest": tree(0.1).digest}
+    assert (told["to"]["version"], told["equal"]) == (2, False)
+    assert [(change["what"], change["object"]) for change in told["changes"]] == [("pose", "A")]
+
+
+def test_store_diff_tells_which_demonstrations_and_doubts_came(home: Home) -> None:
+    with ArtifactStore(home.root / "store") as store:
+        lineage = {"method": "treewright", "demonstrations": [{"demonstration_id": "d1"}]}
+        store.publish("kitting", tree(0.3), {"lineage": lineage})
+        store.judge("kitting", 3, ["A was turned the same way each time"], 1)
+    page = home.run("store", "diff", "kitting@2", "kitting@3")
+    assert "1 demonstration now, 0 before: 1 new, 0 left out" in page
+    assert "doubtful now, because A was turned the same way each time" in page
+    assert "not doubted any more" in home.run("store", "diff", "kitting@3", "kitting@2")
+
+
+def test_store_diff_of_a_version_with_itself_is_empty(home: Home) -> None:
+    assert "The trees are equal." in home.run("store", "diff", "kitting@2", "kitting@latest")
+    told = home.json("store", "diff", "kitting@2", "kitting@2")
+    assert (told["equal"], told["changes"]) == (True, [])
+    assert "no version of kitting '9'" in home.fail("store", "diff", "kitting@1", "kitting@9")
+
+
 def test_store_export_writes_every_format(home: Home, tmp_path: Path) -> None:
     file = tmp_path / "out.xml"
     report = home.json("store", "export", "kitting@1", "--format", "btcpp", "-o", str(file))
