@@ -10,6 +10,7 @@ from learner.learned import Learned
 from learner.model import Demonstration
 from learner.paper.method import learn_plainly
 from learner.parameters import Parameters
+from learner.progress import tell
 from learner.rehearsal.trial import certify, rehearse_and_repair
 from learner.treewright import learn_robustly
 
@@ -45,5 +46,6 @@ def learn(
             )
     ordered = sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
     parameters = parameters or Parameters()
+    tell(f"making a tree from {len(ordered)} demonstrations")
     learned = METHODS[method](ordered, parameters)
     return rehearse_and_repair(learned, ordered) if rehearsed else certify(learned, ordered[0].base_frame)

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,13 @@ class Console:
 
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
+        self.make_room: Callable[[], None] = lambda: None
+        """Called before a line for a person: what stands on the terminal's last line gives way."""
 
     def say(self, sentence: str) -> None:
         """A line for a person; with `--json` nothing."""
         if not self.as_json:
+            self.make_room()
             print(_printable(sentence), flush=True)
 
     def emit(self, document: Any) -> None:
@@ -30,6 +33,7 @@ class Console:
 
     def warn(self, sentence: str) -> None:
         """A line on standard error, with `--json` too."""
+        self.make_room()
         print(_printable(f"treewright: {sentence}"), file=sys.stderr, flush=True)
 
     def fail(self, error: BaseException) -> None:

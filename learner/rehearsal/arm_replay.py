@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from learner.model import Tree
+from learner.progress import tell
 from learner.rehearsal.goal import Goal
 from learner.rehearsal.rehearsal import Actor, RolloutResult, judged
 from learner.rehearsal.rollouts import Rollout
@@ -85,6 +86,7 @@ def replay(tree: Tree, stage: Stage, goals: Goals, grasps: Sequence[Grasp] = ())
 def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal], grasps: Sequence[Grasp]) -> RolloutResult:
     from learner.simulation.physical_world import PhysicalWorld  # loads pybullet
 
+    tell(f"replaying with the arm, run {number + 1}")
     start, rng = stage.starts[number], np.random.default_rng([2, number])
     rollout = Rollout(start.demonstration_id, start.spots, "replay")
     root = stage.root(tree.flattened())

@@ -19,6 +19,7 @@ from learner.execution.entries import Found
 from learner.execution.ticking import Leaves, Status, Ticker
 from learner.model import Node, Tree
 from learner.model.tree import is_reference
+from learner.progress import tell
 from learner.rehearsal.goal import Goal
 from learner.rehearsal.parameters import JudgingParameters
 from learner.rehearsal.rollouts import STEPS_PER_ACTION, Rollout, rollouts
@@ -137,6 +138,7 @@ def _picked(root: Node) -> frozenset[str]:
 
 def perform(rollout: Rollout, actor: Actor, stage: Stage, goals: Sequence[Goal], number: int = 0) -> RolloutResult:
     """A rollout in the kinematic world, ticked until it is clear how it ends."""
+    tell(f"rehearsing: {rollout}")
     rng = np.random.default_rng([1, number])
     world = stage.world(rollout.spots, rng, knowledge=actor.knowledge)
     judgement = judged(rollout, world, actor.enter(world), goals, rng, stage.parameters.judging)

@@ -16,6 +16,7 @@ from learner.learned import Learned
 from learner.model import Demonstration, Tree
 from learner.planning.draft import Draft
 from learner.planning.repairs import NOTHING, Repairs
+from learner.progress import tell
 from learner.proof.prover import Certificate, prove
 from learner.rehearsal.arm_replay import Replay, replay
 from learner.rehearsal.goal import goals_of
@@ -138,6 +139,7 @@ class _Trial:
 
 def _certificate(learned: Learned, tree: Tree, base_frame: str) -> Certificate:
     """The proof that the tree reaches what it says, and, where there is a draft, that this is the draft's goal."""
+    tell("proving the tree")
     draft, numbers = learned.draft, learned.parameters
     goal, things = (draft.goal, draft.things) if draft else (None, NO_THINGS)
     rng, levels = np.random.default_rng(0), numbers.planning.recovery.levels

@@ -25,11 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 1 if any recording was quarantined, after doing the rest."""
+    from pipelines.progress import progress
     from pipelines.steps.ingest import ingest
     from pipelines.steps.stores import open_lake
 
     home = Home.current()
-    result = ingest(home, open_lake(home), arguments.files)
+    with progress(console, "looking for recordings"):
+        result = ingest(home, open_lake(home), arguments.files)
     console.emit(result.to_data())
     _tell(result, console)
     if result.quarantined:
@@ -50,7 +52,7 @@ def _tell(result: IngestResult, console: Console) -> None:
         parts = ", ".join(map(str, waiting.parts))
         console.say(f"waiting for the other parts of {waiting.demonstration_id}; there are: {parts}")
     for refused in result.quarantined:
-        console.say(f"quarantined {refused.file}: {refused.reason}")
+        console.say(str(refused))
     console.say(f"{len(result.ingested)} ingested, {len(result.known)} known, {len(result.quarantined)} quarantined")
     for task in result.tasks:
         console.say(f"learn from it with: treewright learn {task}")
@@ -59,4 +61,4 @@ def _tell(result: IngestResult, console: Console) -> None:
 def _summary(result: IngestResult) -> str:
     first, more = result.quarantined[0], len(result.quarantined) - 1
     others = f" (and {more} more)" if more else ""
-    return f"quarantined {first.file}: {first.reason}{others}"
+    return f"{first}{others}"

@@ -1,15 +1,15 @@
 """`treewright learn TASK`: cluster, infer, plan, verify, publish, set alias `latest`, or `doubtful` with the reasons.
 
 With --json: {"task", "version", "digest", "nodes", "nodes_recovery", "aliases", "notes", "doubts", "doubtful", "new"}.
-Where
-PREFECT_API_URL is set the flow runs and is seen there; else the same functions run directly.
+Where PREFECT_API_URL is set the flow runs and is seen there; else the same functions run directly. On a terminal a line
+says each second what is being done.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from pipelines.console import Console
 from pipelines.home import Home
@@ -17,18 +17,26 @@ from pipelines.home import Home
 if TYPE_CHECKING:
     from pipelines.steps.learn import Publication
 
+METHODS: Final = ("treewright", "paper")
+"""Those of `learner.learning`, which the help names without loading it."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `treewright learn`."""
     parser.add_argument("task", metavar="TASK")
-    parser.add_argument("--method", type=_method, metavar="NAME", help="the planner, or `paper` for the plain method")
+    parser.add_argument(
+        "--method", choices=METHODS, metavar="NAME", help=f"{' (default) or '.join(METHODS)}, the published one"
+    )
     parser.add_argument("--include-unknown", action="store_true", help="learn from outcomes other than success too")
     parser.add_argument("--include-gaps", action="store_true", help="also where messages were lost near an action")
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0; what fails raises."""
-    publication = _learn(arguments)
+    from pipelines.progress import progress
+
+    with progress(console, f"learning {arguments.task}"):
+        publication = _learn(arguments)
     console.emit(publication.to_data())
     console.say(_summary(publication))
     for note in publication.notes:
@@ -56,14 +64,6 @@ def _learn(arguments: argparse.Namespace) -> Publication:
         return learn_task(
             open_lake(home), store, arguments.task, method, arguments.include_unknown, arguments.include_gaps
         )
-
-
-def _method(name: str) -> str:
-    from learner.learning import METHODS
-
-    if name not in METHODS:
-        raise argparse.ArgumentTypeError(f"no method {name!r}; there are {', '.join(METHODS)}")
-    return name
 
 
 def _summary(publication: Publication) -> str:

@@ -14,6 +14,7 @@ import signal
 import threading
 import time
 import uuid
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -24,13 +25,13 @@ from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
-from pipelines.reference import Reference
 
 if TYPE_CHECKING:
     import zenoh
 
     from pipelines.controller.controller import RunResult
     from pipelines.controller.job import Job
+    from pipelines.reference import Reference
 
 HOME_STORE: Final = ""
 
@@ -55,10 +56,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0 if the goal was reached (or a dry run found nothing amiss), else 1."""
     from learner.model.names import check_name
+    from pipelines.progress import progress
+    from pipelines.reference import Reference
 
     reference, cell = Reference.parse(arguments.tree), check_name("cell", arguments.cell)
     stop = _stopped_by_signals()
-    with open_session(arguments) as session:
+    with open_session(arguments) as session, progress(console, f"asking the store for {reference}"):
         job = _fetched(arguments, session, reference, stop)
         console.say(f"{job.name} is {job.nodes} nodes, digest {job.digest[:12]}")
         return _on_cell(arguments, console, session, job, cell, stop)
@@ -89,9 +92,11 @@ def _on_cell(
     cell: str,
     stop: threading.Event,
 ) -> int:
+    from learner.progress import tell
     from pipelines.controller.cell_link import CellLink
     from pipelines.network.ownership import owned
 
+    tell(f"looking for what the tree needs in the cell {cell}")
     with CellLink(session, cell, job.empty_state()) as link:
         job.await_cell(link, stop)
         if arguments.dry_run:
@@ -118,7 +123,7 @@ def _execute(arguments: argparse.Namespace, console: Console, job: Job, link: An
     moment = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     file = Home.current().traces / f"{moment}-{job.task}-{link.cell}-{uuid.uuid4().hex[:6]}.jsonl"
     with ExitStack() as stack:
-        trace = stack.enter_context(Trace(file))
+        trace = stack.enter_context(Trace(file, tell_of))
         trace.write("run", cell=link.cell, tree=job.name, digest=job.digest)
         if arguments.watch:
             console.emit({"ready": True})
@@ -126,6 +131,20 @@ def _execute(arguments: argparse.Namespace, console: Console, job: Job, link: An
             stop, arguments.timeout, arguments.watch
         )
     return _told(console, job, result, file)
+
+
+def tell_of(event: str, facts: Mapping[str, Any]) -> None:
+    """What a run is doing after an event of its trace, where that changes it."""
+    from learner.progress import tell
+
+    if event == "start":
+        tell(f"{facts['action']}")
+    elif event == "answer" and facts["status"] != "success":
+        tell(f"going on after a failure: {facts['reason']}")
+    elif event in ("answer", "halt", "disturbed"):
+        tell("looking at what came of it" if event == "answer" else "looking for what to do now")
+    elif event == "success":
+        tell("watching: the goal holds")
 
 
 def _told(console: Console, job: Job, result: RunResult, trace: Path) -> int:

@@ -15,13 +15,15 @@ from pipelines.network.session import add_zenoh_arguments, open_session
 if TYPE_CHECKING:
     import zenoh
 
-SCENARIO = "object_in_box"
+SCENARIOS = ("object_in_box", "towers", "tower_and_box", "kitting", "hanoi")
+"""Those of `learner.simulation.scenarios`, which the help names without loading them; the first is the default."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `treewright sim`."""
     parser.add_argument("--cell", required=True, metavar="C", help="name of the cell")
-    parser.add_argument("--scenario", default=SCENARIO, metavar="NAME", help=f"what stands on its table ({SCENARIO})")
+    names = f"{SCENARIOS[0]} (default), {', '.join(SCENARIOS[1:])}"
+    parser.add_argument("--scenario", default=SCENARIOS[0], metavar="NAME", help=f"what stands on its table: {names}")
     parser.add_argument("--speed", type=SPEED, default=1.0, metavar="X", help="its time in units of the wall's (1)")
     parser.add_argument("--seed", type=SEED, metavar="N", help="seed of the start and of the camera's noise")
     parser.add_argument(

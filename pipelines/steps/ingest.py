@@ -20,6 +20,7 @@ from learner.inference.parameters import InferenceParameters
 from learner.model import Demonstration, Recording
 from learner.observation import observe
 from learner.observation.corrections import Correction
+from learner.progress import tell
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from recorder.errors import RecorderError
@@ -34,10 +35,14 @@ LEAST_FREE_BYTES: Final = 8 << 20
 
 @dataclass(frozen=True)
 class Refused:
-    """A recording that went to quarantine, and why."""
+    """A recording that went to quarantine, and why; or, if `missing`, a file that was named and is not there."""
 
     file: str
     reason: str
+    missing: bool = False
+
+    def __str__(self) -> str:
+        return f"{'' if self.missing else 'quarantined '}{self.file}: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -117,15 +122,18 @@ class _Ingest:
         """Judge every file."""
         headers: dict[Path, Demonstrated] = {}
         for file in files:
+            tell(f"looking at {shown(file.name)}")
             if self._is_settled(file):
                 self._note_known(self.known_files[shown(file)])
             elif header := self._header(file):
                 headers[file] = header
-        for source in self._sources(headers):
+        for number, source in enumerate(self._sources(headers), start=1):
+            tell(f"reading {shown(source.files[0].name)}, {number} of at most {len(headers)}")
             self._take_source(source)
 
     def finish(self) -> IngestResult:
         """Write what was taken in one commit."""
+        tell(f"writing {len(self.taken)} demonstrations to the lake")
         try:
             new = self._add(list(self.taken.values()))
         except ConflictError:
@@ -233,7 +241,7 @@ class _Ingest:
     def _refuse(self, files: Sequence[Path], error: BaseException) -> None:
         reason = _sentence(error)
         for file in files:
-            self.quarantined.append(Refused(shown(file), reason))
+            self.quarantined.append(Refused(shown(file), reason, isinstance(error, FileNotFoundError)))
             if is_file(file):
                 self.lake.quarantine(shown(file), _keep(self.home, file), reason)
 
@@ -304,6 +312,8 @@ def _defect(error: Exception) -> Exception:
 
 
 def _sentence(error: BaseException) -> str:
+    if isinstance(error, FileNotFoundError):
+        return "there is no such file"
     if isinstance(error, OSError):
         return f"{shown(error.filename) if error.filename else 'it'} cannot be read: {error.strerror or error}"
     return " ".join(str(error).split())

@@ -20,6 +20,7 @@ from learner.observation import warnings_of
 from learner.observation.doubts import doubts_of
 from learner.parameters import Parameters
 from learner.planning.actions import scene_of
+from learner.progress import tell
 from pipelines.console import silent_standard_error
 from pipelines.errors import CommandError
 from pipelines.steps.gate import reasons_against, untried
@@ -97,6 +98,7 @@ def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: b
     NameRefusedError for a name that is none, and CommandError that says what there is where nothing is left.
     """
     check_name("task", task)
+    tell(f"reading the demonstrations of {task}")
     chosen_ns = time.time_ns()
     entries = lake.entries(task)
     if not entries:
@@ -118,6 +120,7 @@ def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str)
     A tree of the default method becomes `latest`, or, where there are reasons against it, `doubtful` (CONTRACT, section
     3); one of another method gets only an alias of the method's name.
     """
+    tell(f"publishing {choice.task}")
     published = store.publish(choice.task, learned.tree, facts_about(choice, learned, method))
     reasons = reasons_against(learned, doubts_about(choice, learned))
     if method == DEFAULT_METHOD:

@@ -62,7 +62,7 @@ def test_what_is_no_file_is_said_and_the_rest_goes_on(tmp_path: Path, capsys: py
             "/dev/zero": "it is a device",
             str(tmp_path / "loop.mcap"): "symbolic links",
             str(tmp_path / ("a" * 300)): "name too long",
-            str(tmp_path / "typo.mcap"): "No such file",
+            str(tmp_path / "typo.mcap"): "o such file",
         }
         good = object_in_box(1).write(tmp_path / "good.mcap")
         code, out, _ = run(capsys, "ingest", *odd, str(good), "--json")
@@ -76,6 +76,15 @@ def test_what_is_no_file_is_said_and_the_rest_goes_on(tmp_path: Path, capsys: py
                 code, _, err = run(capsys, command, file)
                 assert code == 1
                 assert words in err
+
+
+def test_a_name_that_is_no_file_is_told_as_that_and_not_as_quarantined(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typo = tmp_path / "typo.mcap"
+    code, out, err = run(capsys, "ingest", str(typo))
+    assert (code, err) == (1, f"treewright: {typo}: there is no such file\n")
+    assert out.splitlines()[0] == f"{typo}: there is no such file"
 
 
 def test_the_list_names_what_is_in_quarantine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

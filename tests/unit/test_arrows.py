@@ -23,7 +23,7 @@ IO = {"zenoh", "mcap", "pyarrow", "deltalake", "sqlalchemy", "fastapi", "uvicorn
 
 ORDER = {
     "learner": (
-        "errors",
+        "errors progress",
         "model",
         "numbers",
         "observation relations",
@@ -41,6 +41,7 @@ ORDER = {
     "pipelines": (
         "errors",
         "console home reference network",
+        "progress",
         "steps controller simulated_cell",
         "service",
         "flows demo",
