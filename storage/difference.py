@@ -14,7 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from learner.model.pose import angle_between
-from learner.model.tree import LEAVES, RECOVERY_PREFIX, Node, Tree
+from learner.model.tree import Node, Tree
+from learner.model.vocabulary import LEAVES, RECOVERY_PREFIX
 
 PLACES: Final = ("ObjectAt", "ObjectPosedAt", "ObjectRoughlyAt")
 RELEASES: Final = ("Place", "Drop")
