@@ -16,6 +16,7 @@ COMMANDS: Final = {
     "demo": "the whole line on a simulated cell: demonstrate, learn, run, report",
     "record": "the recorder daemon of a cell",
     "demonstrate": "the operator's buttons: start, pick, place, drop, stop, ...",
+    "panel": "the page for the person at the robot: teach, understand, run",
     "sim": "a simulated cell: poses, gripper, skills",
     "import": "YAML demonstrations of matiov/learn-BTs-from-demo, and rosbag2, become recordings",
     "ingest": "recordings to the lake",

@@ -18,7 +18,12 @@ MAY_IMPORT = {
     "storage": {"storage", "learner"},
     "pipelines": set(PACKAGES),
 }
-HOMES = {"pybullet": "learner/simulation/", "pybullet_data": "learner/simulation/", "prefect": "pipelines/flows/"}
+HOMES = {
+    "pybullet": "learner/simulation/",
+    "pybullet_data": "learner/simulation/",
+    "prefect": "pipelines/flows/",
+    "nicegui": "pipelines/panel/",
+}
 IO = {"zenoh", "mcap", "pyarrow", "deltalake", "sqlalchemy", "fastapi", "uvicorn", "prefect", "socket", "requests"}
 
 ORDER = {
@@ -44,7 +49,7 @@ ORDER = {
         "progress",
         "steps controller simulated_cell",
         "service",
-        "flows demo",
+        "flows demo panel",
         "commands",
         "cli",
     ),
@@ -178,7 +183,7 @@ def test_help_and_the_frame_of_the_command_line_load_nothing_heavy() -> None:
 
 
 def test_every_command_shows_its_options_without_loading_what_it_needs_to_run() -> None:
-    heavy = {"sklearn", "pyarrow", "prefect", "pybullet", "deltalake", "fastapi"}
+    heavy = {"sklearn", "pyarrow", "prefect", "pybullet", "deltalake", "fastapi", "nicegui"}
     commands = [file.stem.rstrip("_") for file in modules("pipelines/commands") if file.stem != "__init__"]
     ask = "import contextlib, io\nfrom pipelines.cli import main"
     show = (

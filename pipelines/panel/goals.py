@@ -1,0 +1,31 @@
+"""Where a tree brings things, for the picture of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from learner.model import Pose, Tree
+from learner.model.condition import ObjectAt, ObjectRoughlyAt
+from learner.model.frame import objects_of, pose_of
+from learner.model.tree import CONDITIONS
+from pipelines.panel.table import Destination
+
+Goal = ObjectAt | ObjectRoughlyAt
+
+
+def goals_of(tree: Tree) -> tuple[Goal, ...]:
+    """The places that a tree's conditions name, each once, what only recovers left out."""
+    words = (node.word for node in tree.flattened(recovery=False).walk() if node.kind in CONDITIONS)
+    return tuple(dict.fromkeys(word for word in words if isinstance(word, ObjectAt | ObjectRoughlyAt)))
+
+
+def destinations(goals: Sequence[Goal], poses: Mapping[str, Pose], base: str) -> tuple[Destination, ...]:
+    """The goals in the base frame, as far as their frames are seen."""
+    return tuple(_destinations(goals, {**poses, base: Pose((0.0, 0.0, 0.0))}))
+
+
+def _destinations(goals: Sequence[Goal], poses: Mapping[str, Pose]) -> Iterator[Destination]:
+    for goal in goals:
+        if all(name in poses for name in objects_of(goal.frame)):
+            at = pose_of(goal.frame, poses.__getitem__).apply(goal.position)
+            yield Destination(goal.object, at, goal.radius)

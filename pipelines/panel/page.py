@@ -1,0 +1,60 @@
+"""What every page has: its head with the navigation, the language of who looks, keys, and how errors are told."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from nicegui import ui
+from starlette.requests import Request
+
+from pipelines.panel.sentences import LANGUAGES, Voice
+
+HERE: Final = Path(__file__).parent
+STYLE: Final = f"<style>{(HERE / 'page.css').read_text()}</style>"
+KEYS: Final = f"<script>{(HERE / 'keys.js').read_text()}</script>"
+COOKIE: Final = "treewright-language"
+PAGES: Final = {"teach": "/", "understand": "/understand", "run": "/run"}
+SHOWN: Final = {" ": "␣"}
+"""How keys are written that have no letter."""
+REFRESH_S: Final = 0.2
+"""Time between two looks at what has changed [s]."""
+
+
+def voice_of(request: Request) -> Voice:
+    """In the language that the person chose before, else that of the browser."""
+    return Voice.wanted(request.cookies.get(COOKIE), request.headers.get("accept-language", ""))
+
+
+@contextmanager
+def page(here: str, cell: str, voice: Voice) -> Iterator[None]:
+    """The head of a page, and below it what the block builds."""
+    ui.add_head_html(STYLE + KEYS)
+    ui.page_title(f"{voice(here)} · {cell}")
+    with ui.element("nav").classes("tw-bar"):
+        for name, path in PAGES.items():
+            ui.link(voice(name), path).classes("tw-here" if name == here else "")
+        ui.label(voice("cell", cell=cell)).classes("tw-cell")
+        for code, name in LANGUAGES.items():
+            if code != voice.language:
+                ui.button(name, on_click=lambda code=code: _speak(code)).props("flat dense no-caps color=white")
+    with ui.element("main").classes("tw-page"):
+        yield
+
+
+def _speak(code: str) -> None:
+    ui.run_javascript(
+        f"document.cookie = '{COOKIE}={code}; path=/; max-age=31536000; samesite=strict'; location.reload()"
+    )
+
+
+class KeyButton:
+    """A large button, which its key presses too; the key is written on it."""
+
+    def __init__(self, text: str, key: str, press: Callable[[], Awaitable[None]], color: str, style: str = "") -> None:
+        self.element = ui.button(on_click=press, color=color).props(f'unelevated data-key="{key}"').classes(style)
+        with self.element:
+            self.text = ui.label(text)
+            ui.label(SHOWN.get(key, key.upper())).classes("tw-key")

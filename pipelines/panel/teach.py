@@ -1,0 +1,187 @@
+"""The page on which a person shows a task: large buttons, the verdict of each press, lights, the table from above."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+from typing import Any, Final
+
+from nicegui import ui
+
+from pipelines.errors import CommandError
+from pipelines.panel.desk import Desk
+from pipelines.panel.lights import Light, lights_of
+from pipelines.panel.page import REFRESH_S, KeyButton, page
+from pipelines.panel.sentences import Voice
+from pipelines.panel.steps import Step
+from pipelines.panel.table import table_svg
+from pipelines.panel.watch import Sight
+
+MOVES: Final = {"pick": "p", "place": "l", "drop": "d"}
+"""The actions with their keys."""
+NEWEST: Final = 12
+"""So many steps are shown."""
+
+
+class TeachPage:
+    """One open page. What it knows is the desk's: a page that is loaded again shows the same."""
+
+    def __init__(self, desk: Desk, voice: Voice) -> None:
+        self._desk, self._voice = desk, voice
+        self._lights: tuple[Light, ...] = ()
+        self._steps: tuple[Step, ...] | None = None
+        self._buttons: dict[str, KeyButton] = {}
+        with page("teach", desk.watch.cell, voice):
+            self._light_row = ui.element("div").classes("tw-card tw-lights tw-across")
+            with ui.element("div").classes("tw-column"):
+                self._build_choice()
+                self._build_buttons()
+                self._verdict = ui.label(voice("ready")).classes("tw-card tw-verdict").props("role=status")
+            with ui.element("div").classes("tw-column"):
+                self._table = ui.html("", sanitize=False).classes("tw-card tw-table")
+                self._step_list = ui.element("div").classes("tw-card")
+        self.refresh()
+        ui.timer(REFRESH_S, self.refresh)
+
+    def refresh(self) -> None:
+        """Show what is known now, where it has changed."""
+        sight = self._desk.watch.now()
+        self._table.set_content(table_svg(sight, self._desk.watch.frames, self._desk.destinations(sight)))
+        self._show_lights(lights_of(sight, self._desk.watch.frames, self._voice))
+        self._show_steps(sight.steps)
+        self._enable(sight)
+        self._offer(sight)
+
+    # --- building
+
+    def _build_choice(self) -> None:
+        voice, choice = self._voice, self._desk.choice
+        with ui.element("div").classes("tw-card tw-fields"):
+            self._task = ui.input(voice("task"), value=choice.task, autocomplete=self._desk.tasks()).props("dense")
+            self._user = ui.input(voice("user"), value=choice.user).props("dense")
+            self._objects = ui.select([], label=voice("objects"), multiple=True).props("dense use-chips")
+            self._object = ui.select({"": voice("nearest")}, value="", label=voice("object")).props("dense")
+            for field in (self._task, self._user, self._objects, self._object):
+                field.classes("w-full")
+
+    def _build_buttons(self) -> None:
+        with ui.element("div").classes("tw-card tw-buttons"):
+            self._add("start", "s", self._start, "green-8", "tw-wide")
+            for name, key in MOVES.items():
+                self._add(name, key, partial(self._press, name), "blue-8")
+            self._add("undo", "u", partial(self._press, "undo"), "orange-9", "tw-half")
+            self._add("pause", "h", self._pause, "blue-grey-7", "tw-half")
+            self._add("keep", "k", self._keep, "green-8", "tw-half")
+            self._add("discard", "x", self._discard, "red-9", "tw-half")
+
+    def _add(self, name: str, key: str, press: Callable[[], Awaitable[None]], color: str, style: str = "") -> None:
+        self._buttons[name] = KeyButton(self._voice(name), key, press, color, style)
+
+    # --- showing
+
+    def _show_lights(self, lights: tuple[Light, ...]) -> None:
+        if lights == self._lights:
+            return
+        self._lights = lights
+        self._light_row.clear()
+        with self._light_row:
+            for light in lights:
+                ui.label(f"{light.name}: {light.text}").classes(f"tw-light {light.color}")
+
+    def _show_steps(self, steps: tuple[Step, ...]) -> None:
+        if steps == self._steps:
+            return
+        self._steps = steps
+        self._step_list.clear()
+        with self._step_list:
+            for step in steps[-NEWEST:]:
+                style = "taken" if step.taken_back else step.verdict
+                ui.label(self._told(step)).classes(f"tw-step {style}")
+            if not steps:
+                ui.label(self._voice("no_steps"))
+
+    def _told(self, step: Step) -> str:
+        voice = self._voice
+        name = self._named(step.number, step.type, step.object)
+        said = voice("taken_back") if step.taken_back else step.reason or voice(step.verdict)
+        return f"{name}: {said}"
+
+    def _named(self, place: int, kind: str, name: str | None) -> str:
+        """A step as people count them: from one."""
+        return self._voice("step", number=place + 1, type=self._voice(kind), object=name or "").strip()
+
+    def _enable(self, sight: Sight) -> None:
+        state = sight.status["state"] if sight.status else None
+        for name, each in self._buttons.items():
+            fits = {"start": state == "idle", "pause": state in ("recording", "paused")}
+            fits |= dict.fromkeys(("keep", "discard"), state in ("recording", "paused"))
+            each.element.set_enabled(fits.get(name, state == "recording"))
+        self._buttons["pause"].text.set_text(self._voice("resume" if state == "paused" else "pause"))
+
+    def _offer(self, sight: Sight) -> None:
+        """Names that came since the page was opened; at first all are chosen."""
+        names = list(sight.objects(self._desk.watch.frames))
+        if names == self._objects.options:
+            return
+        new = [name for name in names if name not in self._objects.options]
+        self._objects.set_options(names, value=[*(self._objects.value or []), *new])
+        self._object.set_options({"": self._voice("nearest"), **{name: name for name in names}})
+
+    # --- buttons
+
+    async def _start(self) -> None:
+        choice, watch = self._desk.choice, self._desk.watch
+        choice.task, choice.user = self._task.value.strip(), self._user.value.strip()
+        scene = watch.now().scene
+        request = {
+            "task": choice.task,
+            "user": choice.user,
+            "objects": self._objects.value,
+            "base_frame": watch.frames.base,
+            "end_effector_frame": watch.frames.hand,
+            **({"scene": scene.to_data()} if scene else {}),
+        }
+        await self._ask("start", request, "begun")
+
+    async def _pause(self) -> None:
+        status = self._desk.watch.now().status
+        paused = status is not None and status["state"] == "paused"
+        await self._ask("resume" if paused else "pause", {}, "resumed" if paused else "paused")
+
+    async def _keep(self) -> None:
+        await self._ask("stop", {"outcome": "success"}, "kept")
+
+    async def _discard(self) -> None:
+        await self._ask("discard", {}, "thrown_away")
+
+    async def _ask(self, verb: str, request: Mapping[str, Any], done: str) -> None:
+        try:
+            await asyncio.to_thread(self._desk.watch.button, verb, request)
+        except CommandError as error:
+            self._say(str(error), "refused")
+            return
+        self._say(self._voice(done), "")
+        self.refresh()
+
+    async def _press(self, kind: str) -> None:
+        name = self._object.value if kind != "undo" else ""
+        try:
+            reply = await asyncio.to_thread(self._desk.watch.press, kind, name or None)
+        except CommandError as error:
+            self._say(str(error), "refused")
+            return
+        self._say(self._judged(reply), reply["verdict"])
+        self.refresh()
+
+    def _judged(self, reply: Mapping[str, Any]) -> str:
+        voice, verdict = self._voice, reply["verdict"]
+        if reply["type"] == "undo" and verdict == "accepted":
+            return voice("taken_back_now", number=reply["step"] + 1)
+        name = self._named(reply["step"], reply["type"], reply["object"])
+        lines = [f"{name}: {voice(verdict)}", reply["reason"], None if verdict == "accepted" else voice("what_to_do")]
+        return "\n".join(line for line in lines if line)
+
+    def _say(self, text: str, style: str) -> None:
+        self._verdict.set_text(text)
+        self._verdict.classes(replace=f"tw-card tw-verdict {style}")

@@ -1,0 +1,146 @@
+"""`treewright panel` as the person at the robot uses it: by clicks and keys in a browser, on the simulated cell."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+from playwright.sync_api import Browser, Page, expect
+from support_browser import PHONE, Watched, chromium
+from support_cell import free_endpoint, session_on
+from support_processes import daemon
+
+from learner.model import Pose
+from learner.simulation.scenarios import scenario_named
+from pipelines.simulated_cell.operator import Behavior, ScriptedOperator
+from recorder.recording import read_recording
+from recorder.wire import pose_message
+
+pytestmark = pytest.mark.e2e
+
+SCENARIO, SPEED = "object_in_box", 4.0
+
+
+class Hand(ScriptedOperator):
+    """Leads the hand of the simulated cell; what it would press, `press` is told instead."""
+
+    press: Callable[[str], None]
+
+    def _press(self, kind: str, name: str) -> None:
+        self.press(kind)
+
+
+@dataclass
+class Site:
+    """A simulated cell with recorder and panel, and a browser."""
+
+    home: Path
+    session: zenoh.Session
+    url: str
+    browser: Browser
+
+    def hand(self, press: Callable[[str], None], seed: int = 1) -> Hand:
+        behavior = replace(Behavior(), pause_s=(0.0, 0.05), settle_s=0.5)
+        hand = Hand(self.session, "c1", scenario_named(SCENARIO), np.random.default_rng(seed), behavior)
+        hand.press = press
+        return hand
+
+    def ask(self, verb: str) -> dict[str, object]:
+        (reply,) = self.session.get(f"treewright/c1/{verb}", payload="{}", timeout=10.0)
+        assert reply.ok is not None
+        answer: dict[str, object] = json.loads(reply.ok.payload.to_bytes())
+        return answer
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    home, endpoint = tmp_path_factory.mktemp("panel"), free_endpoint()
+    with ExitStack() as stack:
+        words = ["--cell", "c1", "--connect", endpoint]
+        session = stack.enter_context(session_on(endpoint, "listen"))
+        sim = ["--scenario", SCENARIO, "--speed", str(SPEED), "--seed", "3"]
+        daemons = [
+            stack.enter_context(daemon(home, *command, *words))
+            for command in (["sim", *sim], ["record"], ["panel", "--port", "0"])
+        ]
+        browser = stack.enter_context(chromium())
+        assert all(each.hear() == {"ready": True} for each in daemons)
+        yield Site(home, session, daemons[-1].hear()["url"], browser)
+
+
+def key(page: Page, name: str) -> None:
+    page.keyboard.press(name)
+
+
+def verdict(page: Page) -> str:
+    return page.get_by_role("status").inner_text()
+
+
+def begin(site: Site, page: Page, user: str) -> None:
+    """Name the task and start, on a page that was just opened."""
+    page.goto(site.url)
+    page.get_by_label("Task").fill("tidy")
+    page.get_by_label("Your name").fill(user)
+    page.get_by_role("button", name="Start").click()
+    expect(page.get_by_role("status")).to_contain_text("Recording")
+
+
+def test_a_task_is_shown_by_clicks_and_keys_and_a_wrong_press_is_taken_back(site: Site) -> None:
+    watched = Watched(site.browser)
+    page = watched.page
+    begin(site, page, "ann")
+
+    def press(kind: str) -> None:
+        if kind == "pick":
+            key(page, "p")
+            expect(page.get_by_role("status")).to_have_text("1. Pick A: good")
+            return
+        key(page, "p")  # while A is held: wrong
+        expect(page.get_by_role("status")).to_contain_text("contradicts")
+        assert "Press Undo" in verdict(page)
+        page.get_by_role("button", name="Undo").click()
+        expect(page.get_by_role("status")).to_have_text("Action 2 is taken back.")
+        page.get_by_role("button", name=kind.capitalize(), exact=False).click()
+        expect(page.get_by_role("status")).to_contain_text(f"{kind.capitalize()} A: good")
+
+    hand = site.hand(press)
+    hand.reset()
+    hand.perform()
+    page.reload()
+    steps = page.locator(".tw-step")
+    expect(steps).to_have_count(3)
+    expect(steps.nth(0)).to_have_text("1. Pick A: good")
+    expect(steps.nth(1)).to_contain_text("taken back")
+    expect(steps.nth(2)).to_contain_text("A: good")
+    key(page, "k")
+    expect(page.get_by_role("status")).to_contain_text("kept")
+    (file,) = (site.home / "recordings" / "c1").glob("*.mcap")
+    recording = read_recording([file])
+    assert (recording.task, recording.user, recording.outcome) == ("tidy", "ann", "success")
+    assert (watched.foreign, watched.errors) == ([], [])
+
+
+def test_names_with_scripts_in_them_are_shown_as_they_are_written(site: Site) -> None:
+    evil = "<img src=x onerror=\"document.title='caught'\">'\"&"
+    watched = Watched(site.browser, PHONE, "de-DE")
+    page = watched.page
+    page.goto(site.url)
+    poses = site.session.declare_publisher("treewright/c1/poses")
+    poses.put(pose_message(time.time_ns(), "base", {evil: Pose((0.4, 0.0, 0.0))}))
+    expect(page.locator(".tw-light", has_text="onerror")).to_contain_text(evil)
+    expect(page.locator(".tw-table text", has_text="onerror")).to_have_text(evil)
+    page.get_by_label("Aufgabe").fill("tidy")
+    page.get_by_label("Ihr Name").fill(evil)
+    page.get_by_role("button", name="Start").click()
+    expect(page.get_by_role("status")).to_contain_text("onerror")
+    assert page.locator("main img").count() == 0
+    assert page.title() == "Vormachen · c1"
+    assert watched.overflow_px <= 0
+    assert (watched.foreign, watched.errors) == ([], [])

@@ -1,0 +1,49 @@
+"""A browser that tests lead by clicks and keys: the system's chromium."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+TABLET, PHONE = (1024, 768), (390, 844)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Without a chromium a test is skipped, but not where the continuous integration runs: it installs one."""
+    path = shutil.which("chromium")
+    if path is None:
+        assert not os.environ.get("CI"), "no chromium is installed"
+        pytest.skip("no chromium is installed")
+    with sync_playwright() as playwright:
+        # As root, in a container, there is no sandbox to be had.
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Watched:
+    """A page with what it asked for elsewhere and what went wrong in it; both are to stay empty."""
+
+    def __init__(self, browser: Browser, size: tuple[int, int] = TABLET, language: str = "en-US") -> None:
+        self.page: Page = browser.new_page(viewport={"width": size[0], "height": size[1]}, locale=language)
+        self.foreign: list[str] = []
+        self.errors: list[str] = []
+        self.page.on("request", lambda request: self._note(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    def _note(self, url: str) -> None:
+        if urlsplit(url).scheme not in ("data", "blob") and urlsplit(url).hostname != "127.0.0.1":
+            self.foreign.append(url)
+
+    @property
+    def overflow_px(self) -> int:
+        """How much wider than the window the page is."""
+        width: int = self.page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+        return width
