@@ -18,6 +18,7 @@ from pipelines.panel.desk import Desk
 from pipelines.panel.guard import LARGEST_BYTES, Guard
 from pipelines.panel.page import PAGES, voice_of
 from pipelines.panel.teach import TeachPage
+from pipelines.panel.understand import UnderstandPage
 
 START_S: Final = 20.0
 END_S: Final = 10.0
@@ -28,8 +29,13 @@ def make_app(desk: Desk) -> FastAPI:
     app = FastAPI(title="treewright panel", openapi_url=None)
 
     @ui.page(PAGES["teach"])
-    def teach(request: Request) -> None:
+    def teach(request: Request, task: str = "") -> None:
+        desk.choice.task = task or desk.choice.task
         TeachPage(desk, voice_of(request))
+
+    @ui.page(PAGES["understand"])
+    async def understand(request: Request, task: str = "", version: str = "") -> None:
+        await UnderstandPage.open(desk, voice_of(request), task, version)
 
     ui.run_with(app, title="treewright", show_welcome_message=False)
     return app

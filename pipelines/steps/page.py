@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 from storage.artifacts import Artifact
+
+TITLES: Final[Mapping[str, str]] = {
+    "goals": "It brings about",
+    "doubtful": "Doubtful, because",
+    "approved": "Approved",
+    "trials": "How it was tried",
+    "users": "Users",
+    "questions": "To show next",
+    "notes": "Notes",
+}
 
 
 def page_of(artifact: Artifact) -> str:
     """The page, in plain text."""
-    manifest = artifact.manifest
-    parts = [
-        _head(artifact),
-        _listed("It brings about", _goals(manifest)),
-        _listed("Doubtful, because", artifact.standing.doubtful),
-        _listed("Approved", (f"by {each['by']}" for each in artifact.standing.approved)),
-        _listed("How it was tried", _trials(manifest)),
-        _listed("Users", (user["sentence"] for user in _report(manifest, "users") if user.get("sentence"))),
-        _listed("To show next", (question["sentence"] for question in _report(manifest, "questions"))),
-        _listed("Notes", manifest.get("notes") or ()),
-    ]
+    parts = [_head(artifact), *(_listed(TITLES[name], said) for name, said in sections_of(artifact).items())]
     return "\n\n".join(part for part in parts if part)
+
+
+def sections_of(artifact: Artifact) -> dict[str, list[str]]:
+    """What there is to say of a version, sentences by the names of TITLES."""
+    manifest = artifact.manifest
+    return {
+        "goals": list(_goals(manifest)),
+        "doubtful": list(artifact.standing.doubtful),
+        "approved": [f"by {each['by']}" for each in artifact.standing.approved],
+        "trials": list(_trials(manifest)),
+        "users": [user["sentence"] for user in _report(manifest, "users") if user.get("sentence")],
+        "questions": [question["sentence"] for question in _report(manifest, "questions")],
+        "notes": list(manifest.get("notes") or ()),
+    }
 
 
 def _head(artifact: Artifact) -> str:
@@ -75,6 +89,6 @@ def _report(manifest: Mapping[str, Any], part: str) -> list[Any]:
     return list((manifest.get("report") or {}).get(part) or ())
 
 
-def _listed(title: str, sentences: Any) -> str:
+def _listed(title: str, sentences: Sequence[str]) -> str:
     lines = [f"  - {sentence}" for sentence in sentences]
     return "\n".join([f"{title}:", *lines]) if lines else ""

@@ -17,15 +17,38 @@ from support_browser import PHONE, Watched, chromium
 from support_cell import free_endpoint, session_on
 from support_processes import daemon
 
-from learner.model import Pose
+from learner.model import Definition, GripperIs, InGripper, Node, ObjectRoughlyAt, Pose, SetGripper, Tree
+from learner.model.tree import fallback, leaf, sequence, subtree
 from learner.simulation.scenarios import scenario_named
 from pipelines.simulated_cell.operator import Behavior, ScriptedOperator
 from recorder.recording import read_recording
 from recorder.wire import pose_message
+from storage.artifacts import ArtifactStore
 
 pytestmark = pytest.mark.e2e
 
 SCENARIO, SPEED = "object_in_box", 4.0
+DOWN = (1.0, 0.0, 0.0, 0.0)
+IN_BOX = ObjectRoughlyAt("A", "box", (0.0, 0.0, 0.0), 0.1)
+DOUBT = "A may belong <b>anywhere</b>; move the box, leave A, show it once more"
+EVIDENCE = {"type": "drop", "object": "A", "frame": "box", "samples": 3, "spread_m": 0.012, "certainty": 0.98}
+FACTS = {"base_frame": "base", "end_effector_frame": "tool0", "report": {"actions": [EVIDENCE]}}
+
+
+def motion(kind: str, frame: str, at: tuple[float, float, float]) -> Node:
+    return Node(kind, (("frame", frame), ("object", "A"), ("orientation", DOWN), ("position", at)))
+
+
+HOLD = fallback(
+    leaf(InGripper("A")),
+    sequence(fallback(leaf(GripperIs("open")), leaf(SetGripper("open"))), motion("Pick", "A", (0.0, 0.0, 0.0))),
+)
+TURN = Definition("Recover_Turn", sequence(leaf(GripperIs("open")), motion("Pick", "A", (0.0, 0.0, 0.0))))
+DROP = sequence(subtree("Hold"), motion("Drop", "box", (0.0, 0.0, 0.1)))
+TREE = Tree(
+    Definition("tidy", sequence(fallback(leaf(IN_BOX), DROP, subtree("Recover_Turn"), reactive=False))),
+    (Definition("Hold", HOLD), TURN),
+)
 
 
 class Hand(ScriptedOperator):
@@ -62,6 +85,9 @@ class Site:
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     home, endpoint = tmp_path_factory.mktemp("panel"), free_endpoint()
+    with ArtifactStore(home / "store") as store:
+        store.publish("tidy", TREE, FACTS)
+        store.judge("tidy", 1, [DOUBT], 1)
     with ExitStack() as stack:
         words = ["--cell", "c1", "--connect", endpoint]
         session = stack.enter_context(session_on(endpoint, "listen"))
@@ -144,3 +170,39 @@ def test_names_with_scripts_in_them_are_shown_as_they_are_written(site: Site) ->
     assert page.title() == "Vormachen · c1"
     assert watched.overflow_px <= 0
     assert (watched.foreign, watched.errors) == ([], [])
+
+
+def test_a_tree_is_unfolded_to_its_last_leaf_and_its_doubts_are_taken_on(site: Site) -> None:
+    watched = Watched(site.browser)
+    page = watched.page
+    page.goto(f"{site.url}/understand")
+    assert page.get_by_text(DOUBT).count() == 1
+    assert page.get_by_text("Is A held?").count() == 0
+    page.get_by_text("Pick A and Drop at (0, 0, 100) mm in box").click()
+    for words in ("The first that works of", "One after the other, each kept true", "The first that holds or works of"):
+        page.get_by_role("button", name=words).last.click(timeout=5000)
+    page.get_by_text("Is A held?").click()
+    expect(page.get_by_text("object = A")).to_be_visible()
+    page.get_by_role("button", name="Drop A with the hand").click()
+    expect(page.get_by_text("shown 3 times, spread 12 mm")).to_be_visible()
+    repair = page.get_by_text("Repairs what was not demonstrated (3 nodes)")
+    expect(repair).to_be_hidden()
+    page.get_by_text("show what repairs").click()
+    expect(repair).to_be_visible()
+
+    page.get_by_role("button", name="Approve").click()
+    expect(page.locator(".q-notification")).to_be_visible()
+    page.get_by_label("Your name").fill("eve")
+    page.get_by_role("button", name="Approve").click()
+    page.get_by_role("button", name="Set as production").click()
+    expect(page.locator(".tw-alias", has_text="production")).to_be_visible()
+    with ArtifactStore(site.home / "store") as store:
+        assert store.aliases("tidy") == {"latest": 1, "production": 1}
+        assert [each["by"] for each in store.get("tidy", 1).standing.approved] == ["eve"]
+    assert (watched.foreign, watched.errors) == ([], [])
+
+
+def test_a_version_that_is_not_there_is_told_in_a_sentence(site: Site) -> None:
+    page = site.browser.new_page()
+    page.goto(f"{site.url}/understand?task=tidy&version=77")
+    expect(page.locator(".q-notification")).to_contain_text("77")
