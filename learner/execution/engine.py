@@ -14,7 +14,7 @@ tests/integration/test_ticking_equivalence.py holds both against the real Behavi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from py_trees.behaviour import Behaviour
@@ -51,15 +51,21 @@ class Engine:
 
     def __init__(self, root: Node, world: Leaves) -> None:
         self.root = _behaviour(root, world, Entries())
+        self._behaviours = list(_walk(self.root))
+        self._ticked: frozenset[int] = frozenset()
 
     def tick(self) -> Status:
         """Tick once; the status of the root."""
-        self.root.tick_once()
+        self._ticked = frozenset(id(behaviour) for behaviour in self.root.tick())
         return FROM_PY_TREES[self.root.status]
 
     def halt(self) -> None:
         """Halt the leaf that runs, if one does; the next tick begins anew."""
         self.root.stop(PyTreesStatus.INVALID)
+
+    def statuses(self) -> list[Status | None]:
+        """What each node came to at the last tick, depth first as `Node.walk`; None where it was not ticked."""
+        return [FROM_PY_TREES.get(each.status) if id(each) in self._ticked else None for each in self._behaviours]
 
 
 class ConditionLeaf(Behaviour):
@@ -110,6 +116,12 @@ class ActionLeaf(Behaviour):
         if self.running is not None and new_status is PyTreesStatus.INVALID:
             halted, self.running = self.running, None
             self.world.halt_action(halted)
+
+
+def _walk(behaviour: Behaviour) -> Iterator[Behaviour]:
+    yield behaviour
+    for child in behaviour.children:
+        yield from _walk(child)
 
 
 def _behaviour(node: Node, world: Leaves, entries: Entries) -> Behaviour:

@@ -102,7 +102,7 @@ def _on_cell(
         if arguments.dry_run:
             return _say_what_would_be_done(console, job, link)
         with owned(session, f"treewright/{cell}/run", f"a tree on cell {cell!r}"):
-            return _execute(arguments, console, job, link, stop)
+            return _execute(arguments, console, job, link, session, stop)
 
 
 def _say_what_would_be_done(console: Console, job: Job, link: Any) -> int:
@@ -116,20 +116,28 @@ def _say_what_would_be_done(console: Console, job: Job, link: Any) -> int:
     return 0
 
 
-def _execute(arguments: argparse.Namespace, console: Console, job: Job, link: Any, stop: threading.Event) -> int:
+def _execute(
+    arguments: argparse.Namespace,
+    console: Console,
+    job: Job,
+    link: Any,
+    session: zenoh.Session,
+    stop: threading.Event,
+) -> int:
     from pipelines.controller.controller import Controller
+    from pipelines.controller.progress import Progress
     from pipelines.controller.trace import Trace
 
     moment = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     file = Home.current().traces / f"{moment}-{job.task}-{link.cell}-{uuid.uuid4().hex[:6]}.jsonl"
     with ExitStack() as stack:
         trace = stack.enter_context(Trace(file, tell_of))
+        progress = stack.enter_context(Progress(session, link.cell, job.name, job.digest, stop))
         trace.write("run", cell=link.cell, tree=job.name, digest=job.digest)
         if arguments.watch:
             console.emit({"ready": True})
-        result = Controller(job.root, link, trace, console.emit if arguments.watch else None).run(
-            stop, arguments.timeout, arguments.watch
-        )
+        tell = console.emit if arguments.watch else None
+        result = Controller(job.root, link, trace, tell, progress).run(stop, arguments.timeout, arguments.watch)
     return _told(console, job, result, file)
 
 

@@ -1,6 +1,7 @@
 """A cell controller: a tree ticked against a cell's skills until its success lasts.
 
     Controller      the loop: take in what the cell published, tick, decide whether it is over
+      Progress      what the nodes come to, for whoever looks on
       CellLeaves    what the tree acts on: conditions from learner.execution.perception, actions as skills of the cell
         CellLink    Zenoh
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 import threading
 import time
 import uuid
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Literal
@@ -26,6 +28,7 @@ from learner.model.condition import GripperState
 from learner.model.query import Query
 from learner.model.tree import Node, is_reference
 from pipelines.controller.cell_link import Answer, CellLink, PendingAnswer
+from pipelines.controller.progress import Moment, Progress
 from pipelines.controller.trace import Trace
 from pipelines.errors import UnreachableError
 
@@ -123,6 +126,8 @@ class CellLeaves:
         self._failed_s = float("-inf")
         self.actions = 0
         self.failures_in_a_row = 0
+        self.failures: Counter[str] = Counter()
+        """How often each action failed."""
         self.last_failure = ""
         self.busy_since_s: float | None = None
         """Since when the cell has refused every skill because it does another."""
@@ -135,6 +140,11 @@ class CellLeaves:
     def idle(self) -> bool:
         """Whether no skill is under way in the cell and none is waiting."""
         return self._moving is None and not self._active
+
+    @property
+    def action(self) -> str | None:
+        """The action that is under way or waits for the arm, in few words."""
+        return next((described(execution.node) for execution in self._active.values()), None)
 
     def check(self, node: Node) -> bool:
         condition = condition_of(node)
@@ -261,6 +271,7 @@ class CellLeaves:
             self.failures_in_a_row = 0
         elif not succeeded:
             self.failures_in_a_row += 1
+            self.failures[described(execution.node)] += 1
             self._failed_s = time.monotonic()
             self.last_failure = f"{described(execution.node)}: {answer.reason}"
         self._trace.write(
@@ -273,13 +284,18 @@ class Controller:
     """One run of a flattened tree on a cell. The link must be open and the cell complete.
 
     While watching, `tell` hears `{"event": "success"}` when the goal has been reached, and `{"event": "disturbed"}`
-    when it holds no more.
+    when it holds no more. `progress` tells whoever looks on what the nodes come to.
     """
 
     def __init__(
-        self, root: Node, link: CellLink, trace: Trace, tell: Callable[[dict[str, Any]], None] | None = None
+        self,
+        root: Node,
+        link: CellLink,
+        trace: Trace,
+        tell: Callable[[dict[str, Any]], None] | None = None,
+        progress: Progress | None = None,
     ) -> None:
-        self._link, self._trace, self._tell = link, trace, tell
+        self._link, self._trace, self._tell, self._progress = link, trace, tell, progress
         self._leaves = CellLeaves(link, trace)
         self._engine = Engine(root, self._leaves)
         self._status: Status | None = None
@@ -303,6 +319,8 @@ class Controller:
         finally:
             still_moving = self._stop()
         outcome, reason = ended if still_moving is None else ("lost", f"{ended[1]}; {still_moving}")
+        if self._progress:
+            self._progress.end(outcome, reason, self._engine.statuses())
         self._trace.write("outcome", outcome=outcome, reason=reason)
         return RunResult(outcome, reason, self._trace.tick, self._leaves.actions)
 
@@ -334,6 +352,19 @@ class Controller:
         if status is not self._status:
             self._trace.write("status", status=status.value)
         self._status = status
+        if self._progress and self._progress.due:
+            self._tell_progress(self._progress)
+
+    def _tell_progress(self, progress: Progress) -> None:
+        leaves, began_s = self._leaves, time.monotonic()
+        moment = Moment(
+            tick=self._trace.tick,
+            status=self._status and self._status.value,
+            action=leaves.action,
+            failures=dict(leaves.failures),
+            reason=leaves.last_failure or None,
+        )
+        progress.tell(moment, self._engine.statuses(), began_s)
 
     def _ended(self, now_s: float, watch: bool) -> tuple[Outcome, str] | None:
         leaves = self._leaves
