@@ -43,6 +43,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0 after SIGINT or SIGTERM."""
     from learner.model import check_name
     from pipelines.panel.desk import Desk
+    from pipelines.panel.run_watch import RunWatch
     from pipelines.panel.server import PanelServer
     from pipelines.panel.watch import CellWatch, Frames
     from pipelines.steps.stores import open_store
@@ -51,18 +52,27 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
     base, hand = (check_name("frame", name) for name in (arguments.base_frame, arguments.end_effector_frame))
+    home = Home.current()
     cell, scene = check_name("cell", arguments.cell), _scene(arguments.scene)
     with (
         open_session(arguments) as session,
-        open_store(Home.current()) as store,
+        open_store(home) as store,
         CellWatch(session, cell, Frames(base, hand), scene) as watch,
-        PanelServer(Desk(watch, store), LOOPBACK, arguments.port) as server,
+        RunWatch(session, cell, [*_network(arguments), "--store"], home.logs / "run.log") as runs,
+        PanelServer(Desk(watch, runs, store), LOOPBACK, arguments.port) as server,
     ):
         console.emit({"ready": True})
         console.emit({"event": "serving", "url": server.url})
         console.say(f"the panel of the cell {cell} is at {server.url}; end with Ctrl-C")
         stop.wait()
     return 0
+
+
+def _network(arguments: argparse.Namespace) -> list[str]:
+    """The words that lead a controller to the network of the panel; what the environment says, it is told too."""
+    endpoints = arguments.connect or arguments.listen or []
+    words = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+    return words + (["--zenoh-config", arguments.zenoh_config] if arguments.zenoh_config else [])
 
 
 def _scene(text: str | None) -> Scene | None:

@@ -10,11 +10,14 @@ from typing import Final
 from nicegui import ui
 from starlette.requests import Request
 
+from pipelines.panel.lights import Light
 from pipelines.panel.sentences import LANGUAGES, Voice
 
 HERE: Final = Path(__file__).parent
 STYLE: Final = f"<style>{(HERE / 'page.css').read_text()}</style>"
 KEYS: Final = f"<script>{(HERE / 'keys.js').read_text()}</script>"
+STOPS: Final = '<meta name="treewright-space" content="stop">'
+"""On a page with this the space bar stops the run, before anything else of the page is there."""
 COOKIE: Final = "treewright-language"
 PAGES: Final = {"teach": "/", "understand": "/understand", "run": "/run"}
 SHOWN: Final = {" ": "␣"}
@@ -53,8 +56,28 @@ def _speak(code: str) -> None:
 class KeyButton:
     """A large button, which its key presses too; the key is written on it."""
 
-    def __init__(self, text: str, key: str, press: Callable[[], Awaitable[None]], color: str, style: str = "") -> None:
+    def __init__(
+        self, text: str, key: str, press: Callable[[], Awaitable[None]] | None, color: str, style: str = ""
+    ) -> None:
         self.element = ui.button(on_click=press, color=color).props(f'unelevated data-key="{key}"').classes(style)
         with self.element:
             self.text = ui.label(text)
             ui.label(SHOWN.get(key, key.upper())).classes("tw-key")
+
+
+class LightRow:
+    """The lights, always in view."""
+
+    def __init__(self) -> None:
+        self._row = ui.element("div").classes("tw-card tw-lights tw-across")
+        self._lights: tuple[Light, ...] = ()
+
+    def show(self, lights: tuple[Light, ...]) -> None:
+        """Show lights where they have changed."""
+        if lights == self._lights:
+            return
+        self._lights = lights
+        self._row.clear()
+        with self._row:
+            for light in lights:
+                ui.label(f"{light.name}: {light.text}").classes(f"tw-light {light.color}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 import threading
 import time
@@ -10,6 +11,7 @@ from typing import Final, Self
 
 import uvicorn
 from fastapi import FastAPI
+from fastapi.responses import JSONResponse
 from nicegui import ui
 from starlette.requests import Request
 
@@ -17,6 +19,7 @@ from pipelines.errors import CommandError
 from pipelines.panel.desk import Desk
 from pipelines.panel.guard import LARGEST_BYTES, Guard
 from pipelines.panel.page import PAGES, voice_of
+from pipelines.panel.running import RunPage
 from pipelines.panel.teach import TeachPage
 from pipelines.panel.understand import UnderstandPage
 
@@ -36,6 +39,18 @@ def make_app(desk: Desk) -> FastAPI:
     @ui.page(PAGES["understand"])
     async def understand(request: Request, task: str = "", version: str = "") -> None:
         await UnderstandPage.open(desk, voice_of(request), task, version)
+
+    @ui.page(PAGES["run"])
+    def running(request: Request) -> None:
+        RunPage(desk, voice_of(request))
+
+    @app.post("/stop")
+    async def stop() -> JSONResponse:
+        try:
+            await asyncio.to_thread(desk.runs.stop)
+        except CommandError as error:
+            return JSONResponse({"error": str(error)}, 409)
+        return JSONResponse({"stopping": True})
 
     ui.run_with(app, title="treewright", show_welcome_message=False)
     return app

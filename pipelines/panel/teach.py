@@ -11,8 +11,8 @@ from nicegui import ui
 
 from pipelines.errors import CommandError
 from pipelines.panel.desk import Desk
-from pipelines.panel.lights import Light, lights_of
-from pipelines.panel.page import REFRESH_S, KeyButton, page
+from pipelines.panel.lights import lights_of
+from pipelines.panel.page import REFRESH_S, KeyButton, LightRow, page
 from pipelines.panel.sentences import Voice
 from pipelines.panel.steps import Step
 from pipelines.panel.table import table_svg
@@ -29,11 +29,10 @@ class TeachPage:
 
     def __init__(self, desk: Desk, voice: Voice) -> None:
         self._desk, self._voice = desk, voice
-        self._lights: tuple[Light, ...] = ()
         self._steps: tuple[Step, ...] | None = None
         self._buttons: dict[str, KeyButton] = {}
         with page("teach", desk.watch.cell, voice):
-            self._light_row = ui.element("div").classes("tw-card tw-lights tw-across")
+            self._lights = LightRow()
             with ui.element("div").classes("tw-column"):
                 self._build_choice()
                 self._build_buttons()
@@ -48,7 +47,7 @@ class TeachPage:
         """Show what is known now, where it has changed."""
         sight = self._desk.watch.now()
         self._table.set_content(table_svg(sight, self._desk.watch.frames, self._desk.destinations(sight)))
-        self._show_lights(lights_of(sight, self._desk.watch.frames, self._voice))
+        self._lights.show(lights_of(sight, self._desk.watch.frames, self._voice))
         self._show_steps(sight.steps)
         self._enable(sight)
         self._offer(sight)
@@ -79,15 +78,6 @@ class TeachPage:
         self._buttons[name] = KeyButton(self._voice(name), key, press, color, style)
 
     # --- showing
-
-    def _show_lights(self, lights: tuple[Light, ...]) -> None:
-        if lights == self._lights:
-            return
-        self._lights = lights
-        self._light_row.clear()
-        with self._light_row:
-            for light in lights:
-                ui.label(f"{light.name}: {light.text}").classes(f"tw-light {light.color}")
 
     def _show_steps(self, steps: tuple[Step, ...]) -> None:
         if steps == self._steps:

@@ -99,10 +99,14 @@ class Child:
         except subprocess.TimeoutExpired as error:
             raise ChildFailedError(f"the {self.name} did not end within {timeout_s:g} s; see {self.log}") from error
 
-    def stop(self) -> None:
-        """End the process and what is left of its group. Does nothing to one that ended before."""
+    def end(self) -> None:
+        """Ask the process to end, and do not wait for it. Does nothing to one that ended before."""
         if self.code is None:
             self._process.terminate()
+
+    def stop(self) -> None:
+        """End the process and what is left of its group. Does nothing to one that ended before."""
+        self.end()
         deadline_s = time.monotonic() + PATIENCE_S
         while self.code is None and time.monotonic() < deadline_s:
             time.sleep(0.05)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -206,3 +207,39 @@ def test_a_version_that_is_not_there_is_told_in_a_sentence(site: Site) -> None:
     page = site.browser.new_page()
     page.goto(f"{site.url}/understand?task=tidy&version=77")
     expect(page.locator(".q-notification")).to_contain_text("77")
+
+
+def test_a_tree_is_run_watched_stopped_by_the_space_bar_and_run_to_its_goal(site: Site) -> None:
+    with ArtifactStore(site.home / "store") as store:
+        if store.get("tidy", 1).standing.doubtful:
+            store.approve("tidy", 1, "eve")
+    site.hand(lambda kind: None).reset()
+    watched = Watched(site.browser)
+    page = watched.page
+    status = page.get_by_role("status")
+    page.goto(f"{site.url}/run")
+    expect(status).to_have_text("Nothing runs.")
+    placement = page.locator(".tw-row", has_text="Pick A and Drop at (0, 0, 100) mm in box")
+    key(page, "r")
+    expect(status).to_contain_text("under way: Pick A in A", timeout=20_000)
+    expect(placement).to_have_class(re.compile("running"))
+    page.get_by_label("Task and version").focus()
+    key(page, " ")
+    expect(status).to_contain_text("tidy@1: stopped")
+    assert site.ask("sim/truth")["goal"] is False
+
+    expect(page.get_by_role("button", name="Start")).to_be_enabled()
+    key(page, "r")
+    expect(status).to_contain_text("under way", timeout=20_000)
+    page.reload()
+    expect(status).to_contain_text("tidy@1")
+    expect(status).to_contain_text("tidy@1: done", timeout=30_000)
+    assert site.ask("sim/truth")["goal"] is True
+    assert (watched.foreign, watched.errors) == ([], [])
+
+
+def test_stop_without_a_run_is_answered_in_a_sentence_and_another_sites_page_is_refused(site: Site) -> None:
+    own = site.browser.new_context().request.post(f"{site.url}/stop")
+    assert (own.status, "error" in own.json()) == (409, True)
+    foreign = site.browser.new_context().request.post(f"{site.url}/stop", headers={"Origin": "http://evil.example"})
+    assert foreign.status == 403
