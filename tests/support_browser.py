@@ -47,3 +47,22 @@ class Watched:
         """How much wider than the window the page is."""
         width: int = self.page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
         return width
+
+    def overlapping(self) -> list[str]:
+        """The texts of buttons and fields that cover each other, or that are wider than their button."""
+        found: list[str] = self.page.evaluate(OVERLAPPING)
+        return found
+
+
+OVERLAPPING = """() => {
+  const shown = [...document.querySelectorAll("main button:not(.tw-stop), main .q-field, nav a, nav button")]
+    .filter((each) => each.offsetParent !== null).map((each) => [each, each.getBoundingClientRect()]);
+  const beside = (a, b) => a.right <= b.left + 1 || b.right <= a.left + 1;
+  const apart = (a, b) => beside(a, b) || a.bottom <= b.top + 1 || b.bottom <= a.top + 1;
+  const covering = shown.flatMap(([one, box], place) => shown.slice(place + 1)
+    .filter(([other, its]) => !one.contains(other) && !apart(box, its))
+    .map(([other]) => `${one.innerText} / ${other.innerText}`));
+  const bursting = shown.filter(([each]) => each.scrollWidth > each.clientWidth + 1).map(([each]) => each.innerText);
+  return [...covering, ...bursting];
+}"""
+"""Which buttons, links and fields of a page cover each other or do not hold their text."""

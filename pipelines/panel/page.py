@@ -20,8 +20,6 @@ STOPS: Final = '<meta name="treewright-space" content="stop">'
 """On a page with this the space bar stops the run, before anything else of the page is there."""
 COOKIE: Final = "treewright-language"
 PAGES: Final = {"teach": "/", "understand": "/understand", "run": "/run"}
-SHOWN: Final = {" ": "␣"}
-"""How keys are written that have no letter."""
 REFRESH_S: Final = 0.2
 """Time between two looks at what has changed [s]."""
 
@@ -54,15 +52,21 @@ def _speak(code: str) -> None:
 
 
 class KeyButton:
-    """A large button, which its key presses too; the key is written on it."""
+    """A large button, which its key presses too; the key is written on it, as `shown` where it has no letter."""
 
     def __init__(
-        self, text: str, key: str, press: Callable[[], Awaitable[None]] | None, color: str, style: str = ""
+        self,
+        text: str,
+        key: str,
+        press: Callable[[], Awaitable[None]] | None,
+        color: str,
+        style: str = "",
+        shown: str = "",
     ) -> None:
         self.element = ui.button(on_click=press, color=color).props(f'unelevated data-key="{key}"').classes(style)
         with self.element:
             self.text = ui.label(text)
-            ui.label(SHOWN.get(key, key.upper())).classes("tw-key")
+            ui.label(shown or key.upper()).classes("tw-key")
 
 
 class LightRow:

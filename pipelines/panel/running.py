@@ -43,6 +43,8 @@ class RunPage:
                 self._table = ui.html("", sanitize=False).classes("tw-card tw-table")
             with ui.element("div").classes("tw-column"):
                 self._tree = ui.element("div").classes("tw-card")
+            stop = KeyButton(voice("stop"), " ", None, "red-9", "tw-stop", voice("space"))
+            stop.element.props("data-stop")
         ui.timer(REFRESH_S, self.refresh)
 
     async def refresh(self) -> None:
@@ -67,8 +69,6 @@ class RunPage:
             self._watch = ui.checkbox(voice("keep_watching"))
             with ui.element("div").classes("tw-buttons"):
                 self._start_button = KeyButton(voice("start"), "r", self._start, "green-8", "tw-wide")
-                stop = KeyButton(voice("stop"), " ", None, "red-9", "tw-wide tw-stop")
-                stop.element.props("data-stop")
 
     async def _start(self) -> None:
         tree = str(self._choice.value)

@@ -127,6 +127,7 @@ SENTENCES: Final[Mapping[str, tuple[str, str]]] = {
         "nach dem Erfolg weitermachen und Störungen beheben",
     ),
     "stop": ("STOP", "STOPP"),
+    "space": ("space bar", "Leertaste"),
     "not_running": ("Nothing runs.", "Nichts läuft."),
     "starting": ("The run is being prepared.", "Der Lauf wird vorbereitet."),
     "running_tree": ("{tree} runs", "{tree} läuft"),

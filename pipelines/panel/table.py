@@ -57,7 +57,7 @@ def table_svg(sight: Sight, frames: Frames, destinations: Sequence[Destination] 
             for name in sorted(names, key=lambda name: -_area(sizes[name]))
         ),
         *_hand(sight, frames),
-        *(_label(name, sight.poses[name], (high - low) / LETTERS) for name in names),
+        *(_label(name, sight.poses[name], sizes[name], (high - low) / LETTERS) for name in names),
         "</svg>",
     ]
     return "\n".join(lines)
@@ -111,10 +111,11 @@ def _body(name: str, sight: Sight, size: Vector, color: str) -> str:
     )
 
 
-def _label(name: str, pose: Pose, height: float) -> str:
-    x, y = 1000 * pose.position[0], -1000 * pose.position[1]
+def _label(name: str, pose: Pose, size: Vector, height: float) -> str:
+    """The name above the body, so that of what lies in a box both are read."""
+    x, y = 1000 * pose.position[0], -1000 * pose.position[1] - 1000 * max(size[:2]) / 2
     return (
-        f'<text x="{x:.1f}" y="{y + height / 3:.1f}" text-anchor="middle" font-size="{height:.0f}" '
+        f'<text x="{x:.1f}" y="{y - height / 3:.1f}" text-anchor="middle" font-size="{height:.0f}" '
         f'font-family="sans-serif" fill="#111" stroke="#fff" stroke-width="5" paint-order="stroke">'
         f"{escape(name)}</text>"
     )

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import zenoh
 from playwright.sync_api import Browser, Page, expect
-from support_browser import PHONE, Watched, chromium
+from support_browser import PHONE, TABLET, Watched, chromium
 from support_cell import free_endpoint, session_on
 from support_processes import daemon
 
@@ -243,3 +243,16 @@ def test_stop_without_a_run_is_answered_in_a_sentence_and_another_sites_page_is_
     assert (own.status, "error" in own.json()) == (409, True)
     foreign = site.browser.new_context().request.post(f"{site.url}/stop", headers={"Origin": "http://evil.example"})
     assert foreign.status == 403
+
+
+def test_every_page_fits_a_tablet_and_a_phone_in_both_languages(site: Site) -> None:
+    for language in ("en-US", "de-DE"):
+        watched = Watched(site.browser, language=language)
+        for path in ("/", "/understand", "/run"):
+            watched.page.goto(f"{site.url}{path}")
+            expect(watched.page.locator("main .tw-card").first).to_be_visible()
+            for width, height in (TABLET, PHONE):
+                watched.page.set_viewport_size({"width": width, "height": height})
+                assert watched.overflow_px <= 0, (path, language, width)
+                assert watched.overlapping() == [], (path, language, width)
+        assert (watched.foreign, watched.errors) == ([], [])
