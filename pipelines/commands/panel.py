@@ -43,6 +43,7 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     """Returns 0 after SIGINT or SIGTERM."""
     from learner.model import check_name
     from pipelines.panel.desk import Desk
+    from pipelines.panel.lessons import Lessons
     from pipelines.panel.run_watch import RunWatch
     from pipelines.panel.server import PanelServer
     from pipelines.panel.watch import CellWatch, Frames
@@ -59,7 +60,8 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
         open_store(home) as store,
         CellWatch(session, cell, Frames(base, hand), scene) as watch,
         RunWatch(session, cell, [*_network(arguments), "--store"], home.logs / "run.log") as runs,
-        PanelServer(Desk(watch, runs, store), LOOPBACK, arguments.port) as server,
+        Lessons(home) as lessons,
+        PanelServer(Desk(watch, runs, lessons, store), LOOPBACK, arguments.port) as server,
     ):
         console.emit({"ready": True})
         console.emit({"event": "serving", "url": server.url})

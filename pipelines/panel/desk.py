@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from pipelines.panel.goals import Goal, destinations, goals_of
+from pipelines.panel.lessons import Lessons
 from pipelines.panel.run_watch import RunWatch
 from pipelines.panel.table import Destination
 from pipelines.panel.watch import CellWatch, Sight
@@ -27,10 +28,11 @@ class Choice:
 
 @dataclass
 class Desk:
-    """One panel: its cell and the runs on it, the artifact store, the choice."""
+    """One panel: its cell and the runs on it, what is learned of demonstrations, the artifact store, the choice."""
 
     watch: CellWatch
     runs: RunWatch
+    lessons: Lessons
     store: ArtifactStore
     choice: Choice = field(default_factory=Choice)
     _goals: tuple[Goal, ...] = ()

@@ -52,6 +52,28 @@ SENTENCES: Final[Mapping[str, tuple[str, str]]] = {
     "resumed": ("Recording again.", "Die Aufnahme läuft wieder."),
     "no_steps": ("No action yet.", "Noch keine Aktion."),
     "ready": ("Name the task and press Start.", "Die Aufgabe benennen und Start drücken."),
+    # teach: what came of a demonstration
+    "lesson_reading": ("The demonstration is being read.", "Die Vorführung wird gelesen."),
+    "lesson_refused": (
+        "The demonstration cannot be learned from; show it once more.",
+        "Aus der Vorführung kann nicht gelernt werden; bitte noch einmal vormachen.",
+    ),
+    "lesson_learning": ("The task is being learned.", "Die Aufgabe wird gelernt."),
+    "lesson_failed": ("Learning did not succeed.", "Das Lernen ist nicht gelungen."),
+    "lesson_learned": ("Learned: {task} version {version}", "Gelernt: {task} Fassung {version}"),
+    "lesson_same": ("Nothing new: still {task} version {version}", "Nichts Neues: weiterhin {task} Fassung {version}"),
+    "understood_pick": ("{object} was taken.", "{object} wurde gegriffen."),
+    "understood_place": ("{object} was placed.", "{object} wurde abgelegt."),
+    "understood_drop": ("{object} was dropped.", "{object} wurde fallen gelassen."),
+    "understood_place_near": (
+        "{object} was placed; it rests {distance} mm from {near}.",
+        "{object} wurde abgelegt; es ruht {distance} mm von {near}.",
+    ),
+    "understood_drop_near": (
+        "{object} was dropped; it rests {distance} mm from {near}.",
+        "{object} wurde fallen gelassen; es ruht {distance} mm von {near}.",
+    ),
+    "look_at_it": ("Look at what was learned", "Ansehen, was gelernt wurde"),
     # the tree
     "pick_and_release": (
         "Pick {object} and {kind} at {at} mm in {frame}",

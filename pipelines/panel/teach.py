@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 from nicegui import ui
 
 from pipelines.errors import CommandError
 from pipelines.panel.desk import Desk
+from pipelines.panel.lessons import Lesson
 from pipelines.panel.lights import lights_of
-from pipelines.panel.page import REFRESH_S, KeyButton, LightRow, page
+from pipelines.panel.page import PAGES, REFRESH_S, KeyButton, LightRow, page
 from pipelines.panel.sentences import Voice
 from pipelines.panel.steps import Step
 from pipelines.panel.table import table_svg
@@ -30,6 +32,7 @@ class TeachPage:
     def __init__(self, desk: Desk, voice: Voice) -> None:
         self._desk, self._voice = desk, voice
         self._steps: tuple[Step, ...] | None = None
+        self._lesson: Lesson | None = None
         self._buttons: dict[str, KeyButton] = {}
         with page("teach", desk.watch.cell, voice):
             self._lights = LightRow()
@@ -40,6 +43,7 @@ class TeachPage:
             with ui.element("div").classes("tw-column"):
                 self._table = ui.html("", sanitize=False).classes("tw-card tw-table")
                 self._step_list = ui.element("div").classes("tw-card")
+                self._lesson_card = ui.element("div").classes("tw-card")
         self.refresh()
         ui.timer(REFRESH_S, self.refresh)
 
@@ -49,6 +53,7 @@ class TeachPage:
         self._table.set_content(table_svg(sight, self._desk.watch.frames, self._desk.destinations(sight)))
         self._lights.show(lights_of(sight, self._desk.watch.frames, self._voice))
         self._show_steps(sight.steps)
+        self._show_lesson(self._desk.lessons.now)
         self._enable(sight)
         self._offer(sight)
 
@@ -90,6 +95,19 @@ class TeachPage:
                 ui.label(self._told(step)).classes(f"tw-step {style}")
             if not steps:
                 ui.label(self._voice("no_steps"))
+
+    def _show_lesson(self, lesson: Lesson) -> None:
+        if lesson == self._lesson:
+            return
+        self._lesson = lesson
+        self._lesson_card.set_visibility(lesson.stage != "none")
+        self._lesson_card.clear()
+        with self._lesson_card:
+            for sentence in _lesson_sentences(lesson, self._voice):
+                ui.label(sentence).classes("tw-sentence")
+            if lesson.published:
+                target = f"{PAGES['understand']}?task={lesson.task}&version={lesson.published['version']}"
+                ui.link(self._voice("look_at_it"), target)
 
     def _told(self, step: Step) -> str:
         voice = self._voice
@@ -140,19 +158,24 @@ class TeachPage:
         await self._ask("resume" if paused else "pause", {}, "resumed" if paused else "paused")
 
     async def _keep(self) -> None:
-        await self._ask("stop", {"outcome": "success"}, "kept")
+        reply = await self._ask("stop", {"outcome": "success"}, "kept")
+        if reply is not None:
+            files = reply.get("parts") or [reply["file"]]
+            self._desk.lessons.begin(self._desk.choice.task, [Path(file) for file in files])
 
     async def _discard(self) -> None:
         await self._ask("discard", {}, "thrown_away")
 
-    async def _ask(self, verb: str, request: Mapping[str, Any], done: str) -> None:
+    async def _ask(self, verb: str, request: Mapping[str, Any], done: str) -> dict[str, Any] | None:
+        """The recorder's reply, which is told too; None where it refuses."""
         try:
-            await asyncio.to_thread(self._desk.watch.button, verb, request)
+            reply = await asyncio.to_thread(self._desk.watch.button, verb, request)
         except CommandError as error:
             self._say(str(error), "refused")
-            return
+            return None
         self._say(self._voice(done), "")
         self.refresh()
+        return reply
 
     async def _press(self, kind: str) -> None:
         name = self._object.value if kind != "undo" else ""
@@ -175,3 +198,19 @@ class TeachPage:
     def _say(self, text: str, style: str) -> None:
         self._verdict.set_text(text)
         self._verdict.classes(replace=f"tw-card tw-verdict {style}")
+
+
+def _lesson_sentences(lesson: Lesson, voice: Voice) -> Iterator[str]:
+    """What was understood of the newest demonstration, and what was learned with it."""
+    for each in lesson.understood:
+        key = f"understood_{each.type}" + ("_near" if each.near else "")
+        yield voice(key, object=each.object, near=each.near, distance=f"{1000 * each.distance_m:.0f}")
+    published = lesson.published
+    if published:
+        yield voice(
+            "lesson_learned" if published["new"] else "lesson_same", task=lesson.task, version=published["version"]
+        )
+        yield from published["doubtful"]
+    elif lesson.stage != "none":
+        yield voice(f"lesson_{lesson.stage}")
+    yield from lesson.sentences
