@@ -6,12 +6,15 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import TracebackType
+from typing import Self
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 expect.set_options(timeout=20_000)  # on a machine that does much else
+_CONTEXTS: dict[tuple[Browser, str], BrowserContext] = {}
 TABLET, PHONE = (1024, 768), (390, 844)
 
 
@@ -24,20 +27,33 @@ def chromium() -> Iterator[Browser]:
         pytest.skip("no chromium is installed")
     with sync_playwright() as playwright:
         # As root, in a container, there is no sandbox to be had.
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
         yield browser
         browser.close()
 
 
 class Watched:
-    """A page with what it asked for elsewhere and what went wrong in it; both are to stay empty."""
+    """A page, open within a `with` block: what it asks for elsewhere, or what goes wrong in it, fails the test."""
 
     def __init__(self, browser: Browser, size: tuple[int, int] = TABLET, language: str = "en-US") -> None:
-        self.page: Page = browser.new_page(viewport={"width": size[0], "height": size[1]}, locale=language)
+        # Pages of one language share what the browser has loaded and compiled already.
+        context = _CONTEXTS.get((browser, language)) or browser.new_context(locale=language)
+        _CONTEXTS[browser, language] = context
+        self.page: Page = context.new_page()
+        self.page.set_viewport_size({"width": size[0], "height": size[1]})
         self.foreign: list[str] = []
         self.errors: list[str] = []
         self.page.on("request", lambda request: self._note(request.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.page.close()
+        assert error is not None or (self.foreign, self.errors) == ([], [])
 
     def _note(self, url: str) -> None:
         if urlsplit(url).scheme not in ("data", "blob") and urlsplit(url).hostname != "127.0.0.1":

@@ -52,7 +52,10 @@ def _speak(code: str) -> None:
 
 
 class KeyButton:
-    """A large button, which its key presses too; the key is written on it, as `shown` where it has no letter."""
+    """A large button, which its key presses too; the key is written on it, as `shown` where it has no letter.
+
+    What it does for the server it does once its page has a connection; so it is disabled until a page enables it.
+    """
 
     def __init__(
         self,
@@ -67,6 +70,7 @@ class KeyButton:
         with self.element:
             self.text = ui.label(text)
             ui.label(shown or key.upper()).classes("tw-key")
+        self.element.set_enabled(press is None)
 
 
 class LightRow:

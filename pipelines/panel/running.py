@@ -52,7 +52,7 @@ class RunPage:
         sight, state = self._desk.watch.now(), self._desk.runs.now()
         self._table.set_content(table_svg(sight, self._desk.watch.frames))
         self._lights.show(lights_of(sight, self._desk.watch.frames, self._voice))
-        self._status.set_text("\n".join(_sentences(state, self._voice)))
+        self._status.set_text("\n".join(filter(None, _sentences(state, self._voice))))
         self._status.classes(replace=f"tw-card tw-verdict {_style(state)}")
         self._start_button.element.set_enabled(not state.busy and bool(self._choice.options))
         await self._show_tree(state)

@@ -44,17 +44,20 @@ class TeachPage:
                 self._table = ui.html("", sanitize=False).classes("tw-card tw-table")
                 self._step_list = ui.element("div").classes("tw-card")
                 self._lesson_card = ui.element("div").classes("tw-card")
-        self.refresh()
+        self._show(self._desk.watch.now())
         ui.timer(REFRESH_S, self.refresh)
 
     def refresh(self) -> None:
-        """Show what is known now, where it has changed."""
+        """Show what is known now, where it has changed, and let those buttons be pressed that make sense."""
         sight = self._desk.watch.now()
+        self._show(sight)
+        self._enable(sight)
+
+    def _show(self, sight: Sight) -> None:
         self._table.set_content(table_svg(sight, self._desk.watch.frames, self._desk.destinations(sight)))
         self._lights.show(lights_of(sight, self._desk.watch.frames, self._voice))
         self._show_steps(sight.steps)
         self._show_lesson(self._desk.lessons.now)
-        self._enable(sight)
         self._offer(sight)
 
     # --- building
