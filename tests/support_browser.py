@@ -65,6 +65,14 @@ class Watched:
         width: int = self.page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
         return width
 
+    def picture(self, name: str) -> None:
+        """Write what is shown at both sizes into the folder that SCREENSHOTS names, if it names one."""
+        folder = os.environ.get("SCREENSHOTS")
+        for size, (width, height) in {"tablet": TABLET, "phone": PHONE}.items() if folder else ():
+            self.page.set_viewport_size({"width": width, "height": height})
+            self.page.wait_for_timeout(500)
+            self.page.screenshot(path=f"{folder}/panel-{name}-{size}.jpg", type="jpeg", quality=60)
+
     def overlapping(self) -> list[str]:
         """The texts of buttons and fields that cover each other, or that are wider than their button."""
         found: list[str] = self.page.evaluate(OVERLAPPING)

@@ -119,8 +119,8 @@ class TeachPage:
         return f"{name}: {said}"
 
     def _named(self, place: int, kind: str, name: str | None) -> str:
-        """A step as people count them: from one."""
-        return self._voice("step", number=place + 1, type=self._voice(kind), object=name or "").strip()
+        """A step by the number that the recorder's sentences, and all commands, tell it by."""
+        return self._voice("step", number=place, type=self._voice(kind), object=name or "").strip()
 
     def _enable(self, sight: Sight) -> None:
         state = sight.status["state"] if sight.status else None
@@ -142,18 +142,17 @@ class TeachPage:
     # --- buttons
 
     async def _start(self) -> None:
-        choice, watch = self._desk.choice, self._desk.watch
-        choice.task, choice.user = self._task.value.strip(), self._user.value.strip()
-        scene = watch.now().scene
+        watch, scene = self._desk.watch, self._desk.watch.now().scene
         request = {
-            "task": choice.task,
-            "user": choice.user,
+            "task": self._task.value.strip(),
+            "user": self._user.value.strip(),
             "objects": self._objects.value,
             "base_frame": watch.frames.base,
             "end_effector_frame": watch.frames.hand,
             **({"scene": scene.to_data()} if scene else {}),
         }
-        await self._ask("start", request, "begun")
+        if await self._ask("start", request, "begun") is not None:
+            self._desk.choice.task, self._desk.choice.user = request["task"], request["user"]
 
     async def _pause(self) -> None:
         status = self._desk.watch.now().status
@@ -193,7 +192,7 @@ class TeachPage:
     def _judged(self, reply: Mapping[str, Any]) -> str:
         voice, verdict = self._voice, reply["verdict"]
         if reply["type"] == "undo" and verdict == "accepted":
-            return voice("taken_back_now", number=reply["step"] + 1)
+            return voice("taken_back_now", number=reply["step"])
         name = self._named(reply["step"], reply["type"], reply["object"])
         lines = [f"{name}: {voice(verdict)}", reply["reason"], None if verdict == "accepted" else voice("what_to_do")]
         return "\n".join(line for line in lines if line)

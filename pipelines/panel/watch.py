@@ -115,17 +115,20 @@ class CellWatch:
 
     def press(self, kind: str, name: str | None) -> dict[str, Any]:
         """Press an action; the recorder's verdict. Raises CommandError with its sentence if it takes none."""
-        reply = self.button("press", {"type": kind, **({"object": name} if name else {})})
+        reply = self._ask("press", {"type": kind, **({"object": name} if name else {})})
         with self._lock:
             self._steps.take(reply)
         return reply
 
     def button(self, verb: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         """The recorder's reply to a request. Raises CommandError with its sentence if it refuses or is not there."""
-        patience_s = BUTTON_S if self._status else PATIENCE_S
-        reply = ask(self._session, wire.key_of(self.cell, f"recorder/{verb}"), fields, patience_s)
+        reply = self._ask(verb, fields)
         self._look()
         return reply
+
+    def _ask(self, verb: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+        patience_s = BUTTON_S if self._status else PATIENCE_S
+        return ask(self._session, wire.key_of(self.cell, f"recorder/{verb}"), fields, patience_s)
 
     def _poll(self) -> None:
         while not self._stopping.wait(STATUS_S):

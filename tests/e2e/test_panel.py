@@ -134,13 +134,14 @@ def test_a_task_is_shown_by_clicks_and_keys_and_a_wrong_press_is_taken_back(site
     def press(kind: str) -> None:
         if kind == "pick":
             key(page, "p")
-            expect(page.get_by_role("status")).to_have_text("1. Pick A: good")
+            expect(page.get_by_role("status")).to_have_text("0. Pick A: good")
             return
         key(page, "p")  # while A is held: wrong
         expect(page.get_by_role("status")).to_contain_text("contradicts")
         assert "Press Undo" in verdict(page)
+        watched.picture("teach")
         page.get_by_role("button", name="Undo").click()
-        expect(page.get_by_role("status")).to_have_text("Action 2 is taken back.")
+        expect(page.get_by_role("status")).to_have_text("Action 1 is taken back.")
         page.get_by_role("button", name=kind.capitalize(), exact=False).click()
         expect(page.get_by_role("status")).to_contain_text(f"{kind.capitalize()} A: good")
 
@@ -150,7 +151,7 @@ def test_a_task_is_shown_by_clicks_and_keys_and_a_wrong_press_is_taken_back(site
     page.reload()
     steps = page.locator(".tw-step")
     expect(steps).to_have_count(3)
-    expect(steps.nth(0)).to_have_text("1. Pick A: good")
+    expect(steps.nth(0)).to_have_text("0. Pick A: good")
     expect(steps.nth(1)).to_contain_text("taken back")
     expect(steps.nth(2)).to_contain_text("A: good")
     key(page, "k")
@@ -160,24 +161,6 @@ def test_a_task_is_shown_by_clicks_and_keys_and_a_wrong_press_is_taken_back(site
     (file,) = (site.home / "recordings" / "c1").glob("*.mcap")
     recording = read_recording([file])
     assert (recording.task, recording.user, recording.outcome) == ("tidy", "ann", "success")
-
-
-@pytest.mark.parametrize("watched", [(PHONE, "de-DE")], indirect=True)
-def test_names_with_scripts_in_them_are_shown_as_they_are_written(site: Site, watched: Watched) -> None:
-    evil = "<img src=x onerror=\"document.title='caught'\">'\"&"
-    page = watched.page
-    page.goto(site.url)
-    poses = site.session.declare_publisher("treewright/c1/poses")
-    poses.put(pose_message(time.time_ns(), "base", {evil: Pose((0.4, 0.0, 0.0))}))
-    expect(page.locator(".tw-light", has_text="onerror")).to_contain_text(evil)
-    expect(page.locator(".tw-table text", has_text="onerror")).to_have_text(evil)
-    page.get_by_label("Aufgabe").fill("tidy")
-    page.get_by_label("Ihr Name").fill(evil)
-    page.get_by_role("button", name="Start").click()
-    expect(page.get_by_role("status")).to_contain_text("onerror")
-    assert page.locator("main img").count() == 0
-    assert page.title() == "Vormachen · c1"
-    assert watched.overflow_px <= 0
 
 
 def test_a_tree_is_unfolded_to_its_last_leaf_and_its_doubts_are_taken_on(site: Site, watched: Watched) -> None:
@@ -197,6 +180,7 @@ def test_a_tree_is_unfolded_to_its_last_leaf_and_its_doubts_are_taken_on(site: S
     page.get_by_text("show what repairs").click()
     expect(repair).to_be_visible()
 
+    watched.picture("understand")
     page.get_by_label("Your name").fill("")
     page.get_by_role("button", name="Approve").click()
     expect(page.locator(".q-notification")).to_be_visible()
@@ -229,6 +213,7 @@ def test_a_tree_is_run_watched_stopped_by_the_space_bar_and_run_to_its_goal(site
     key(page, "r")
     expect(status).to_contain_text("under way: Pick A in A", timeout=20_000)
     expect(placement).to_have_class(re.compile("running"))
+    watched.picture("run")
     page.get_by_label("Task and version").focus()
     key(page, " ")
     expect(status).to_contain_text("tidy@1: stopped")
@@ -259,3 +244,21 @@ def test_every_page_fits_a_tablet_and_a_phone_in_the_language_of_longer_words(si
             watched.page.set_viewport_size({"width": width, "height": height})
             assert watched.overflow_px <= 0, (path, width)
             assert watched.overlapping() == [], (path, width)
+
+
+@pytest.mark.parametrize("watched", [(PHONE, "de-DE")], indirect=True)
+def test_names_with_scripts_in_them_are_shown_as_they_are_written(site: Site, watched: Watched) -> None:
+    evil = "<img src=x onerror=\"document.title='caught'\">'\"&"
+    page = watched.page
+    page.goto(site.url)
+    poses = site.session.declare_publisher("treewright/c1/poses")
+    poses.put(pose_message(time.time_ns(), "base", {evil: Pose((0.4, 0.0, 0.0))}))
+    expect(page.locator(".tw-light", has_text="onerror")).to_contain_text(evil)
+    expect(page.locator(".tw-table text", has_text="onerror")).to_have_text(evil)
+    page.get_by_label("Aufgabe").fill("tidy")
+    page.get_by_label("Ihr Name").fill(evil)
+    page.get_by_role("button", name="Start").click()
+    expect(page.get_by_role("status")).to_contain_text("onerror")
+    assert page.locator("main img").count() == 0
+    assert page.title() == "Vormachen · c1"
+    assert watched.overflow_px <= 0
