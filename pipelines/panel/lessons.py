@@ -58,7 +58,7 @@ class Lessons:
     def __init__(self, home: Home) -> None:
         self._home = home
         self.now = Lesson()
-        self._files: queue.SimpleQueue[tuple[str, tuple[Path, ...]] | None] = queue.SimpleQueue()
+        self._kept: queue.SimpleQueue[tuple[str, tuple[Path, ...]] | None] = queue.SimpleQueue()
         self._child: Child | None = None
         self._thread = threading.Thread(target=self._work, name="panel-lessons", daemon=True)
 
@@ -69,44 +69,44 @@ class Lessons:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._files.put(None)
+        self._kept.put(None)
         while self._thread.is_alive():
             if self._child is not None:
                 self._child.end()
             self._thread.join(LOOK_S)
 
-    def begin(self, task: str, files: Sequence[Path]) -> None:
-        """Take in the parts of a demonstration; does not wait."""
-        self.now = Lesson("reading", task)
-        self._files.put((task, tuple(files)))
+    def begin(self, demonstration_id: str, files: Sequence[Path]) -> None:
+        """Take in a demonstration by its files, the parts of it; does not wait."""
+        self.now = Lesson("reading")
+        self._kept.put((demonstration_id, tuple(files)))
 
     def _work(self) -> None:
-        while (kept := self._files.get()) is not None:
-            task, files = kept
+        while (kept := self._kept.get()) is not None:
             try:
-                self._take_in(task, files)
+                self.now = self._taken_in(*kept)
                 # Who shows one demonstration after the other wants the tree of all of them.
-                if self.now.stage == "learning" and self._files.empty():
-                    self.now = replace(self.now, stage="learned", published=self._learned(task))
+                if self.now.stage == "learning" and self._kept.empty():
+                    self.now = replace(self.now, stage="learned", published=self._learned(self.now.task))
             except Exception as error:  # noqa: BLE001  # it is told, and the next demonstration is taken in
                 said = str(error) if CommandError.covers(error) else f"a defect: {type(error).__name__}: {error}"
                 self.now = replace(self.now, stage="failed", sentences=(*self.now.sentences, said))
 
-    def _take_in(self, task: str, files: tuple[Path, ...]) -> None:
-        result = ingest(self._home, open_lake(self._home), files)
+    def _taken_in(self, demonstration_id: str, files: tuple[Path, ...]) -> Lesson:
+        """What became of a demonstration, also where somebody else has taken it in before."""
+        lake = open_lake(self._home)
+        result = ingest(self._home, lake, files)
         if result.quarantined:
-            self.now = Lesson("refused", task, sentences=tuple(each.reason for each in result.quarantined))
-            return
-        understood, sentences = [], []
-        for demonstration in result.ingested:
-            understood += [understood_of(action, demonstration) for action in demonstration.actions]
-            sentences += [*warnings_of(demonstration), *demonstration.gaps, *doubts_about(demonstration)]
-        self.now = Lesson("learning", task, tuple(understood), tuple(sentences))
+            return Lesson("refused", sentences=tuple(each.reason for each in result.quarantined))
+        shown = lake.entry(demonstration_id).demonstration
+        understood = tuple(understood_of(action, shown) for action in shown.actions)
+        sentences = (*warnings_of(shown), *shown.gaps, *doubts_about(shown))
+        return Lesson("learning", shown.task, understood, sentences)
 
     def _learned(self, task: str) -> dict[str, Any]:
         """In a process of its own, so that the pages and Stop stay quick. Raises ChildFailedError with its sentence."""
         words = [sys.executable, "-m", "pipelines.cli", "learn", task, "--json"]
-        with Child("learner", words, os.environ, self._home.logs / "learn.log", speaks_json=True) as child:
+        environment = {**os.environ, "TREEWRIGHT_HOME": str(self._home.root)}
+        with Child("learner", words, environment, self._home.logs / "learn.log", speaks_json=True) as child:
             self._child = child
             try:
                 return child.hear(LEARN_S)

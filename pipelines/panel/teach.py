@@ -163,7 +163,7 @@ class TeachPage:
         reply = await self._ask("stop", {"outcome": "success"}, "kept")
         if reply is not None:
             files = reply.get("parts") or [reply["file"]]
-            self._desk.lessons.begin(self._desk.choice.task, [Path(file) for file in files])
+            self._desk.lessons.begin(reply["demonstration_id"], [Path(file) for file in files])
 
     async def _discard(self) -> None:
         await self._ask("discard", {}, "thrown_away")
