@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from learner.model.tree import LEAVES, REFERENCE, SUBTREE, Node, Tree, Value, is_recovery
+from learner.model.tree import Node, Tree, Value, is_recovery
+from learner.model.vocabulary import LEAVES, REFERENCE, SUBTREE
 from pipelines.panel.sentences import SENTENCES, Voice
 
 RELEASES: Final = ("Place", "Drop")

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from learner.model import Pose, Tree
 from learner.model.condition import ObjectAt, ObjectRoughlyAt
 from learner.model.frame import objects_of, pose_of
-from learner.model.tree import CONDITIONS
+from learner.model.vocabulary import CONDITIONS
 from pipelines.panel.table import Destination
 
 Goal = ObjectAt | ObjectRoughlyAt
