@@ -146,7 +146,7 @@ def _size(node: Node, tree: Tree) -> int:
 
 def _resolved(value: Value, values: Mapping[str, Value]) -> Value:
     reference = REFERENCE.fullmatch(value) if isinstance(value, str) else None
-    return values[reference[1]] if reference else value
+    return values.get(reference[1], value) if reference else value
 
 
 def _label(kind: str, ports: Mapping[str, Value]) -> str:

@@ -43,8 +43,6 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 LocationNumbers = NDArray[np.int16]
 Floats = NDArray[np.float32]
-FAR: Final = (1e6, 1e6, 0.0)
-"""A free spot [m], away from all that a tree speaks of."""
 FIXED: Final = "that frames which go by several objects move with them"
 
 TURNED: Final = "how objects are turned"
@@ -437,7 +435,7 @@ class AbstractWorld:
             grasp = self.grasps[name]
             return grasp.position if port == "position" else grasp.quaternion_xyzw
         if node.kind == "FindSpot":
-            return FAR if port == "position" else IDENTITY_XYZW
+            return (self.parameters.far_m,) * 3 if port == "position" else IDENTITY_XYZW
         return name
 
     def _topmost(self, under: Ints, layout: Layout) -> Ints:

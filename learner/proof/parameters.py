@@ -32,5 +32,7 @@ class ProofParameters:
     """By more than the first and less than the second an origin lies higher than that of what it covers."""
     alike_m: float = 0.012
     """Locations upon an object that differ by less in height are of things that lie directly upon it."""
+    far_m: float = 1e6
+    """A free spot on the table is so far [m] from all that a tree speaks of."""
     same_direction: float = 0.9
     """Two directions from an object's origin are one where their cosine is above this."""

@@ -53,15 +53,6 @@ def test_every_folder_with_parameters_is_among_those_that_the_manifest_tells() -
 @pytest.mark.parametrize(
     "changed",
     [
-        {"recovery": {"levels": 1}},
-        {"recovery": {"spots": 3}},
-        {"recovery": {"inner": 0.3}},
-        {"recovery": {"raised_m": 0.01}},
-        {"recovery": {"occupies": 0.5}},
-        {"recovery": {"edge_m": 0.002}},
-        {"recovery": {"wide_m": 9.0}},
-        {"recovery": {"ring": 8}},
-        {"recovery": {"ring_m": 0.2}},
         {"place_radius_m": 0.021},
         {"means": {"outlying": 1.0, "outlying_m": 0.0}},
     ],

@@ -13,6 +13,7 @@ from support_trees import trees
 from learner.errors import TreeError
 from learner.model import Definition, GripperIs, InGripper, Node, ObjectAt, Pick, Place, SetGripper, Tree
 from learner.model.tree import FORMAT, MAX_DEPTH, Value, fallback, leaf, sequence, subtree
+from learner.model.vocabulary import ENTRY
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
 OPEN = leaf(GripperIs("open"))
@@ -53,11 +54,12 @@ def test_json_is_a_round_trip_and_canonical(tree: Tree) -> None:
 
 @settings(suppress_health_check=[HealthCheck.too_slow], max_examples=60)
 @given(trees())
-def test_a_flat_tree_has_no_subtrees_no_references_and_all_the_nodes(tree: Tree) -> None:
+def test_a_flat_tree_has_no_subtrees_no_ports_of_them_and_all_the_nodes(tree: Tree) -> None:
     flat = tree.flattened()
     nodes = list(flat.walk())
     assert not any(node.kind == "SubTree" for node in nodes)
-    assert not any(isinstance(value, str) and "{" in value for node in nodes for _, value in node.ports)
+    references = {value for node in nodes for _, value in node.ports if isinstance(value, str) and "{" in value}
+    assert all(ENTRY.fullmatch(value) for value in references)
     assert len(nodes) == flat.size
     assert single(flat).flattened() == flat
 

@@ -62,8 +62,8 @@ def shown(symmetry: Symmetry, cared: bool, count: int = 4, begun_alike: bool = F
 
 
 def posed(learned: Learned) -> list[ObjectPosedAt]:
-    words = (node.word for node in learned.tree.flattened().walk() if node.kind == "ObjectPosedAt")
-    return [word for word in words if isinstance(word, ObjectPosedAt)]
+    words = [node.word for node in learned.tree.flattened().walk() if node.kind == "ObjectPosedAt"]
+    return list(dict.fromkeys(word for word in words if isinstance(word, ObjectPosedAt)))
 
 
 @pytest.mark.parametrize("symmetry", ["none", "box"])
@@ -86,7 +86,6 @@ def test_one_that_does_not_matter_or_that_nobody_turned_is_not(
 ) -> None:
     learned = learn(shown(symmetry, cared, begun_alike=begun_alike))
     assert not posed(learned)
-    assert learned.tree.vocabulary == 1
     assert "ObjectPosedAt" not in to_xml(learned.tree)
 
 
