@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-from learner.model.frame import objects_of
+from learner.model.frame import BETWEEN, objects_of
 from learner.model.pose import Pose, Vector
 from learner.model.scene import ObjectShape, Scene
 from learner.model.upright import Block, Spot, block_of
@@ -76,11 +76,11 @@ class Lying:
         """The topmost of what takes the room that an object needs to come down to a place in a frame.
 
         `place` is the pose in the base at which its origin shall rest. Its outline is taken as its narrower side,
-        square to the frame, since a place says nothing of turns. What is fixed cannot be put aside, the frame's own
-        object belongs there, what is open is entered, and what is not `movable` cannot be put aside.
+        square to the frame, since a place says nothing of turns. What is fixed or not `movable` cannot be put aside,
+        the frame's own object belongs there (not the two that a place is midway between), what is open is entered.
         """
         room = self._room(name, place)
-        belonging = {name, *objects_of(frame)}
+        belonging = {name} if BETWEEN in frame else {name, *objects_of(frame)}
         others = {other: block for other, block in self.blocks.items() if other in movable}
         blocking = [other for other, block in others.items() if self._blocks(block, room, belonging)]
         highest = max(blocking, key=lambda other: (self.blocks[other].top, other), default=None)
