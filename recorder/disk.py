@@ -1,4 +1,4 @@
-"""The disk: room to finish a demonstration, a reserve to end one when it is full, and names that last."""
+"""Room on the disk: whether a demonstration can be finished, and a reserve to end one on a full disk."""
 
 from __future__ import annotations
 
@@ -82,12 +82,3 @@ class Reserve:
     def release(self) -> None:
         """Give the blocks back."""
         self.file.unlink(missing_ok=True)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make durable which names a folder holds."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -17,7 +17,7 @@ from typing import Final
 
 from mcap.opcode import Opcode
 
-from recorder.disk import sync_folder
+from recorder.durable import sync_folder
 from recorder.errors import NotARecordingError, RecorderError, SecondRecorderError, TornRecordingError
 from recorder.paths import shown
 from recorder.recording import UNFINISHED, Finished, RecordingWriter, messages, records

@@ -26,8 +26,6 @@ The database lies in the data root, or where TREEWRIGHT_STORE_URL says.
 from __future__ import annotations
 
 import argparse
-import os
-import secrets
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -188,13 +186,7 @@ def _rendered(artifact: Artifact, format_: str) -> str:
 
 
 def _write(file: Path, text: str) -> None:
-    """Beside, then renamed: whoever reads the file sees the old one or the whole new one."""
-    beside = file.with_name(f".{file.name}.{secrets.token_hex(4)}.part")
-    try:
-        with beside.open("w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(file)
-    finally:
-        beside.unlink(missing_ok=True)
+    from recorder.durable import whole
+
+    with whole(file) as beside:
+        beside.write_text(text, encoding="utf-8", newline="\n")

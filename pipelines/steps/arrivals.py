@@ -7,7 +7,6 @@ there and its digest is right, it takes its place among the recordings, where in
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import threading
@@ -20,7 +19,7 @@ from learner.errors import LearnerError
 from learner.model import check_name
 from pipelines.errors import CommandError
 from pipelines.home import Home
-from recorder.disk import sync_folder
+from recorder.durable import sync_file, sync_folder, whole
 from recorder.recording import sha256_of
 
 LEAST_FREE_BYTES: Final = 64 << 20
@@ -149,7 +148,7 @@ class Arrivals:
         return self.received(parcel.sha256)
 
     def _take_in(self, parcel: Parcel, part: Path) -> None:
-        _make_durable(part)
+        sync_file(part)
         if sha256_of([part]) != parcel.sha256:
             part.unlink()
             raise WrongDigestError(f"{parcel.name} came with other bytes than it was sent with; send it again")
@@ -170,10 +169,9 @@ class Arrivals:
         return file.with_name(f"{file.stem}-{parcel.sha256[:12]}{file.suffix}")
 
     def _note(self, sha256: str, file: Path) -> None:
-        """Remember where it lies. Lost with the power, it costs one more upload, which changes nothing."""
-        beside = self._noted(sha256).with_suffix(".new")
-        beside.write_text(json.dumps({"file": str(file.relative_to(self._home.recordings))}))
-        beside.replace(self._noted(sha256))
+        """Remember where it lies."""
+        with whole(self._noted(sha256)) as beside:
+            beside.write_text(json.dumps({"file": str(file.relative_to(self._home.recordings))}))
 
     def _place_of(self, sha256: str) -> Path | None:
         """Where a recording lies that has arrived and is still there."""
@@ -197,11 +195,3 @@ class Arrivals:
             return self._part(sha256).stat().st_size
         except FileNotFoundError:
             return 0
-
-
-def _make_durable(file: Path) -> None:
-    descriptor = os.open(file, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -14,7 +14,7 @@ from typing import IO, Any, Final, Self
 import zstandard
 from mcap.records import Attachment, AttachmentIndex, Channel, Header, Metadata, MetadataIndex, Schema
 
-from recorder.disk import sync_folder
+from recorder.durable import sync_folder
 from recorder.errors import RecorderError
 from recorder.paths import shown
 from recorder.recording import records

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from recorder.disk import sync_folder
+from recorder.durable import whole
 
 CONFIRMED: Final = ".uploaded"
 RECORDING: Final = ".mcap"
@@ -59,10 +59,8 @@ class Outbox:
         """The service has it. Raises OSError."""
         place = self._confirmation(parcel)
         place.parent.mkdir(exist_ok=True)
-        beside = place.with_name(f"{place.name}.part")
-        beside.write_text(json.dumps({**asdict(parcel), "sha256": sha256}))
-        beside.replace(place)
-        sync_folder(place.parent)
+        with whole(place) as beside:
+            beside.write_text(json.dumps({**asdict(parcel), "sha256": sha256}))
         self._confirmed.add(parcel)
 
     def _is_confirmed(self, parcel: Parcel) -> bool:

@@ -100,7 +100,7 @@ def test_after_a_full_disk_the_recorder_goes_on_when_there_is_room(small_disk: P
         ballast.unlink()
         cell.ask("start", START)
         cell.put_poses(POSES)
-        assert cell.ask("stop", {"outcome": "unknown"})["messages"] == {"/poses": 1}
+        assert cell.ask("stop", {"outcome": "unknown"})["messages"]["/poses"] >= 1
 
 
 def test_a_demonstration_starts_only_if_there_is_room_to_finish_it(small_disk: Path) -> None:
