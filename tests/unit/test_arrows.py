@@ -43,6 +43,16 @@ ORDER = {
         "treewright",
         "learning",
     ),
+    "recorder": (
+        "paths durable",
+        "errors notices",
+        "wire disk",
+        "clocks",
+        "recording",
+        "salvage replay imports intake upload",
+        "recovery teaching",
+        "daemon",
+    ),
     "pipelines": (
         "errors",
         "console home reference network",
