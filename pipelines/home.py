@@ -42,6 +42,11 @@ class Home:
         return self.recordings / ".arriving"
 
     @property
+    def cells(self) -> Path:
+        """What stands in each cell, `<cell>.yaml`: profiles that people write."""
+        return self.root / "cells"
+
+    @property
     def lake(self) -> Path:
         """The Delta tables of demonstrations, and the quarantine's records."""
         return self.root / "lake"

@@ -17,7 +17,9 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from learner.model import ActionPress, GripperSample, Recording, Track
 from learner.simulation.cell.camera import Noise
 from learner.simulation.cell.physics import World
+from pipelines.profile import Profile
 from pipelines.simulated_cell.cell import Cell
+from pipelines.simulated_cell.table import scenario_of
 
 
 def free_port() -> int:
@@ -38,10 +40,12 @@ def open_loopback(port: int, listen: bool) -> zenoh.Session:
 
 @contextmanager
 def living_cell(
-    scenario: str, seed: int = 0, speed: float = 20.0, noise: Noise | None = None
+    scenario: str | Profile, seed: int = 0, speed: float = 20.0, noise: Noise | None = None, port: int | None = None
 ) -> Iterator[zenoh.Session]:
     """Yield another session on the network of a cell `c1`; what kills the cell's thread fails the test."""
-    port, stop, failures = free_port(), threading.Event(), list[BaseException]()
+    port, stop, failures = port or free_port(), threading.Event(), list[BaseException]()
+    profile = scenario if isinstance(scenario, Profile) else None
+    table = scenario_of(scenario) if isinstance(scenario, Profile) else scenario
     ready = threading.Event()
 
     def live() -> None:
@@ -49,8 +53,8 @@ def living_cell(
         try:
             with (
                 open_loopback(port, listen=True) as session,
-                World(scenario, rng, noise) as world,
-                Cell(session, "c1", world, rng, speed) as cell,
+                World(table, rng, noise) as world,
+                Cell(session, "c1", world, rng, speed, profile=profile) as cell,
             ):
                 ready.set()
                 cell.run(stop)

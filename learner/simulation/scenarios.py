@@ -16,7 +16,7 @@ import numpy as np
 from learner.errors import LearnerError
 from learner.model import ObjectShape, Pose, Scene
 from learner.model.pose import Vector
-from learner.model.scene import Symmetry
+from learner.model.scene import Range, Symmetry
 from learner.simulation.script import Inside, Rests, ScriptedMove
 
 BASE: Final = "base"
@@ -28,6 +28,7 @@ REACH_RAD: Final = math.radians(75)
 """To either side of straight ahead."""
 WORKSPACE_M: Final = ((0.36, 0.60), (-0.36, 0.36))
 """The largest upright rectangle that is all within reach."""
+ANYWHERE: Final[Range] = (-math.inf, math.inf)
 FINGER_ROOM_M: Final = 0.14
 """Between the centres of two cubes, so that the hand fits beside a tower on either at any yaw."""
 HAND_ROOM_M: Final = 0.13
@@ -79,13 +80,17 @@ Relation = On | Rests | Inside
 
 @dataclass(frozen=True)
 class Scenario:
-    """`orders` are the orders in which people do the steps; `stacked` objects start on others, not on their own."""
+    """`orders` are the orders in which people do the steps; `stacked` objects start on others, not on their own.
+
+    `workspace_m` is the upright rectangle in which all that stands on its own begins; None: anywhere in reach.
+    """
 
     bodies: Mapping[str, Body]
     steps: tuple[ScriptedMove, ...]
     goal: tuple[Relation, ...]
     orders: tuple[tuple[int, ...], ...] = ()
     stacked: tuple[Rests, ...] = field(default=())
+    workspace_m: tuple[Range, Range] | None = None
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -93,7 +98,7 @@ class Scenario:
 
     @property
     def scene(self) -> Scene:
-        return Scene({name: body.shape for name, body in self.bodies.items()}, WORKSPACE_M)
+        return Scene({name: body.shape for name, body in self.bodies.items()}, self.workspace_m or WORKSPACE_M)
 
     def reached(self, poses_in_base: Mapping[str, Pose]) -> bool:
         """Whether every relation of the goal holds at these true poses."""
@@ -183,6 +188,9 @@ def _in_reach(scenario: Scenario, name: str, pose: Pose) -> bool:
     places = [step.at for step in scenario.steps if step.frame == name]
     places += [relation.at for relation in scenario.stacked if relation.frame == name]
     points = [pose.position, *(pose.apply(place) for place in places)]
+    (x0, x1), (y0, y1) = scenario.workspace_m or (ANYWHERE, ANYWHERE)
+    if not (x0 <= pose.position[0] <= x1 and y0 <= pose.position[1] <= y1):
+        return False
     within = all(REACH_M[0] <= math.hypot(x, y) <= REACH_M[1] for x, y, _ in points)
     return within and _distance_to(scenario.bodies[name], pose, (0.0, 0.0)) > 0.2
 

@@ -16,7 +16,7 @@ import json
 import time
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.options import PATIENCE, STAMP_NS
+from pipelines.commands.options import PATIENCE, STAMP_NS, add_profile_argument
 from pipelines.console import Console
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.session import add_zenoh_arguments, open_session
@@ -50,10 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     start = buttons.add_parser("start", help="begin a demonstration", parents=[common])
     start.add_argument("--task", required=True)
     start.add_argument("--user", required=True)
-    start.add_argument("--objects", required=True, nargs="+", metavar="OBJECT", help="names, apart or with commas")
-    start.add_argument("--base-frame", default="base", help="default: base")
-    start.add_argument("--end-effector-frame", default="tool0", help="default: tool0")
+    start.add_argument("--objects", nargs="+", metavar="OBJECT", help="names, apart or with commas (the profile's)")
+    start.add_argument("--base-frame", metavar="F", help="default: that of the profile, else base")
+    start.add_argument("--end-effector-frame", metavar="F", help="default: that of the profile, else tool0")
     start.add_argument("--scene", metavar="JSON", help="sizes and symmetries (CONTRACT, section 2), or @FILE")
+    add_profile_argument(start)
     start.add_argument("--unseen-ok", action="store_true", help="also with names of which the cell's poses do not tell")
     for name in MOVES:
         action = buttons.add_parser(name, help=f"the end-effector stands where it will {name}", parents=[common])
@@ -95,7 +96,7 @@ def _tell_verdict(reply: dict[str, Any], console: Console) -> None:
 
 
 def _ask(session: zenoh.Session, prefix: str, arguments: argparse.Namespace) -> dict[str, Any]:
-    return ask_recorder(session, prefix, arguments.button, _request(arguments), arguments.timeout)
+    return ask_recorder(session, prefix, arguments.button, request_of(arguments), arguments.timeout)
 
 
 def ask_recorder(
@@ -126,20 +127,37 @@ def _refusal(prefix: str, text: str) -> CommandError:
     return CommandError(f"{sentence}")
 
 
-def _request(arguments: argparse.Namespace) -> dict[str, Any]:
+def request_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What a button asks of the recorder (CONTRACT, section 1)."""
     if arguments.button == "stop":
         return {"outcome": arguments.outcome}
     if arguments.button != "start":
         return {}
-    return {
-        "task": arguments.task,
-        "user": arguments.user,
-        "objects": [name for word in arguments.objects for name in word.split(",") if name],
+    return {"task": arguments.task, "user": arguments.user, **_known(arguments), **_given(arguments)}
+
+
+def _known(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What the cell's profile says here. Where there is none and no object is named, the recorder may have one."""
+    from pipelines.home import Home
+    from pipelines.profile import FRAMES, profile_of
+
+    profile = profile_of(arguments.cell, Home.current(), arguments.profile)
+    if profile is not None:
+        return profile.start()
+    return dict(FRAMES) if arguments.objects else {}
+
+
+def _given(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What the command line says."""
+    objects = [name for word in arguments.objects or () for name in word.split(",") if name]
+    said = {
+        "objects": objects if arguments.objects else None,
         "base_frame": arguments.base_frame,
         "end_effector_frame": arguments.end_effector_frame,
-        **({"scene": scene_told(arguments.scene)} if arguments.scene else {}),
-        **({"unseen_ok": True} if arguments.unseen_ok else {}),
+        "scene": scene_told(arguments.scene) if arguments.scene else None,
+        "unseen_ok": arguments.unseen_ok or None,
     }
+    return {name: value for name, value in said.items() if value is not None}
 
 
 def scene_told(text: str) -> Any:

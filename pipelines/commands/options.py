@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 LONGEST_S: Final = 1e8
@@ -46,6 +47,16 @@ def whole(least: int, most: int) -> Callable[[str], int]:
 def seconds(above: float | None = None, least: float | None = None, most: float = LONGEST_S) -> Callable[[str], float]:
     """A length of time [s]."""
     return real(above, least, most, " of seconds")
+
+
+def add_profile_argument(parser: argparse.ArgumentParser) -> None:
+    """The option of commands that go by the profile of a cell (`pipelines.profile`)."""
+    parser.add_argument(
+        "--profile",
+        type=Path,
+        metavar="FILE",
+        help="what stands in the cell, in YAML (cells/<cell>.yaml below TREEWRIGHT_HOME, where it is there)",
+    )
 
 
 def _within(value: float, above: float | None, least: float | None, most: float | None) -> bool:

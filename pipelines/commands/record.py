@@ -8,13 +8,14 @@ import signal
 import threading
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.options import MEGABYTES, real, seconds
+from pipelines.commands.options import MEGABYTES, add_profile_argument, real, seconds
 from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import TOKEN, Home
 from pipelines.network.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
+    from pipelines.profile import Profile
     from recorder.upload.carrier import Destination
 
 
@@ -46,29 +47,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="bring finished recordings to a service (default TREEWRIGHT_UPLOAD_URL); its token is TREEWRIGHT_TOKEN",
     )
+    add_profile_argument(parser)
     add_zenoh_arguments(parser)
 
 
 def run(arguments: argparse.Namespace, console: Console) -> int:
     """Serve until told to end; an open recording is then closed durably with outcome `unknown`."""
     from learner.model import check_name
+    from pipelines.profile import profile_of
     from recorder.daemon import Recorder
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    folder = Home.current().recordings / check_name("cell", arguments.cell)
+    home, cell = Home.current(), check_name("cell", arguments.cell)
+    folder, profile = home.recordings / cell, profile_of(cell, home, arguments.profile)
     with (
         open_session(arguments) as session,
-        Recorder(session, arguments.cell, folder, _options(arguments), lambda event: _show(console, event)),
+        Recorder(session, cell, folder, _options(arguments, profile), lambda event: _show(console, event)),
     ):
         console.emit({"ready": True})
-        console.say(f"recording for the cell {arguments.cell} into {folder}; end with Ctrl-C")
+        knows = f", which has {', '.join(profile.objects)}," if profile else ""
+        console.say(f"recording for the cell {cell}{knows} into {folder}; end with Ctrl-C")
         ended.wait()
     return 0
 
 
-def _options(arguments: argparse.Namespace) -> Any:
+def _options(arguments: argparse.Namespace, profile: Profile | None) -> Any:
     from recorder.daemon import Options
     from recorder.intake.patterns import Patterns
 
@@ -79,6 +84,7 @@ def _options(arguments: argparse.Namespace) -> Any:
         split_s=arguments.split_s,
         patterns=Patterns(arguments.include, arguments.exclude),
         upload_to=_destination(arguments.upload or os.environ.get("TREEWRIGHT_UPLOAD_URL")),
+        cell={} if profile is None else profile.start(),
     )
 
 

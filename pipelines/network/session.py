@@ -7,12 +7,15 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from pipelines.errors import CommandError, UnreachableError
 
 if TYPE_CHECKING:
     import zenoh
+
+PATIENCE_MS: Final = 10_000
+RETRY_MS: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
 
 
 def add_zenoh_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,8 +34,9 @@ def open_session(
 
     Options win over the environment (lists separated by commas), which wins over the configuration file. Where an
     endpoint is named, multicast scouting is off: the network is what was named. Who only connects is a client, which
-    listens nowhere: a peer would, on all interfaces, and strangers with it. Who listens is a router, through which its
-    clients reach each other. `mode` ('peer', 'client', 'router') overrides this and the configuration's.
+    listens nowhere: a peer would, on all interfaces, and strangers with it; who it connects to may be about to start,
+    so it tries for ten seconds. Who listens is a router, through which its clients reach each other. `mode` ('peer',
+    'client', 'router') overrides this and the configuration's.
 
     Raises CommandError for a configuration that Zenoh refuses, UnreachableError if an endpoint does not answer.
     """
@@ -54,6 +58,8 @@ def open_session(
             config.insert_json5("listen/endpoints", json.dumps(listen))
             config.insert_json5("scouting/multicast/enabled", "false")
             config.insert_json5("mode", json.dumps("router" if listen else "client"))
+            config.insert_json5("connect/timeout_ms", json.dumps({"client": PATIENCE_MS}))
+            config.insert_json5("connect/retry", json.dumps(RETRY_MS))
         if mode:
             config.insert_json5("mode", json.dumps(mode))
     except (zenoh.ZError, OSError) as error:
@@ -63,6 +69,8 @@ def open_session(
         session = zenoh.open(config)
     except zenoh.ZError as error:
         named = ", ".join([*connect, *listen]) or "the network"
-        raise UnreachableError(f"cannot open a Zenoh session on {named}: {error}") from error
+        # What Zenoh appends is a line of its own source.
+        reason = str(error).partition(" at /")[0]
+        raise UnreachableError(f"cannot open a Zenoh session on {named}: {reason}") from error
     with session:
         yield session

@@ -30,12 +30,14 @@ import zenoh
 from learner.errors import LearnerError
 from learner.model import Pose, check_name
 from learner.simulation.cell import skills
+from learner.simulation.cell.bodies import UnknownObjectError
 from learner.simulation.cell.engine import PERIOD_S
 from learner.simulation.cell.physics import World
 from learner.simulation.cell.skills import Skill, SkillResult
 from learner.simulation.failure import Failure
 from learner.simulation.scenarios import BASE, TOOL, sample_spot
 from pipelines.network.ownership import owned
+from pipelines.profile import Profile
 from pipelines.simulated_cell.fields import (
     BadRequestError,
     Fields,
@@ -69,8 +71,8 @@ class Cell:
     """A world that lives on Zenoh under a cell's name. A context manager; `run` lets it live until told to stop.
 
     `speed` is the world's time in units of the wall's; where the machine is too slow, the world is slower. Stamps
-    are of the wall clock. `report` is called with each event, a JSON-able object. Physics and requests share one
-    thread, that of `run`.
+    are of the wall clock. `report` is called with each event, a JSON-able object. Frames are called, and shapes told,
+    as in the `profile`, else as the scenario has them. Physics and requests share one thread, that of `run`.
     """
 
     def __init__(
@@ -81,10 +83,12 @@ class Cell:
         rng: np.random.Generator,
         speed: float = 1.0,
         report: Callable[[Fields], None] = lambda event: None,
+        profile: Profile | None = None,
     ) -> None:
         self.name, self.world = check_name("cell", name), world
         self._session, self._rng, self._speed, self._report = session, rng, speed, report
         self._root = f"treewright/{name}"
+        self._profile = profile or Profile(BASE, TOOL, world.scenario.scene.to_data())
         self._requests: queue.SimpleQueue[tuple[str, zenoh.Query]] = queue.SimpleQueue()
         self._execution: Execution | None = None
         self._result: SkillResult | None = None
@@ -94,7 +98,7 @@ class Cell:
 
     def __enter__(self) -> Self:
         self._role.enter_context(owned(self._session, f"{self._root}/sim", f"a cell {self.name!r}"))
-        self._showing = self._role.enter_context(Showing(self._session, self.name, self.world))
+        self._showing = self._role.enter_context(Showing(self._session, self.name, self.world, self._profile))
         keys = [f"skills/{skill}" for skill in (*SKILLS, "cancel")] + [f"sim/{name}" for name in SIMULATED]
         for key in keys:
             self._role.enter_context(self._declare(key))
@@ -182,13 +186,20 @@ class Cell:
         world = self.world
         match name:
             case "Pick":
-                return skills.pick(world, text_in(fields, "object"), text_in(fields, "frame"), pose_in(fields))
+                return skills.pick(world, text_in(fields, "object"), self._frame(fields), pose_in(fields))
             case "Place" | "Drop":
-                return skills.place(world, text_in(fields, "object"), text_in(fields, "frame"), pose_in(fields))
+                return skills.place(world, text_in(fields, "object"), self._frame(fields), pose_in(fields))
             case "drag":
                 return skills.move(world, pose_in(fields))
             case _:
                 return skills.set_gripper(world, state_in(fields))
+
+    def _frame(self, fields: Fields) -> str:
+        """The frame of a request by the name that the world has for it."""
+        frame, base = text_in(fields, "frame"), self._profile.base_frame
+        if frame == BASE != base:
+            raise UnknownObjectError("frame", frame, (base, *self.world.objects))
+        return BASE if frame == base else frame
 
     def _conclude(self) -> None:
         """Answer the request whose skill has ended; what came of it is published before."""
@@ -234,18 +245,17 @@ class Cell:
             "goal_held_s": round(world.goal.held_s(world.time_s), 4),
             "held": world.held,
             "gripper": world.gripper.state,
-            "poses": {**poses, TOOL: _to_data(world.arm.tool_pose)},
+            "poses": {**poses, self._profile.end_effector_frame: _to_data(world.arm.tool_pose)},
         }
 
     def _scene(self, fields: Fields) -> Fields:
-        scene = self.world.scenario.scene
         return {
             "cell": self.name,
-            "scenario": self.world.scenario_name,
+            "scenario": self.world.scenario_name or None,
             "objects": self.world.objects,
-            "base_frame": BASE,
-            "end_effector_frame": TOOL,
-            "scene": scene.to_data(),
+            "base_frame": self._profile.base_frame,
+            "end_effector_frame": self._profile.end_effector_frame,
+            "scene": dict(self._profile.scene),
         }
 
     def _reset(self, fields: Fields) -> Fields:

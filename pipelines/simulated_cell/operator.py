@@ -24,9 +24,9 @@ from learner.simulation.script import ScriptedMove
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.publisher import declare_publisher
 from pipelines.network.question import ask
+from pipelines.simulated_cell.hand import DRAG_LIMIT_S, yaw_of
 from recorder.wire import ACTION_ENCODING, action_message
 
-DRAG_LIMIT_S: Final = 120.0
 QUARTER_TURNS: Final = (0, 1, -1, 2)
 
 
@@ -123,7 +123,7 @@ class ScriptedOperator:
     def _pick(self, name: str) -> None:
         cube = self._poses()[name]
         for turn in QUARTER_TURNS:
-            reason = self._drag(self._with_hand_noise(_over(cube.position, _yaw(cube) + turn * math.pi / 2)))
+            reason = self._drag(self._with_hand_noise(_over(cube.position, yaw_of(cube) + turn * math.pi / 2)))
             if reason is None:
                 break
         else:
@@ -140,10 +140,10 @@ class ScriptedOperator:
         frame = Pose((0.0, 0.0, 0.0)) if step.frame == BASE else poses[step.frame]
         spread = [*self._rng.uniform(-step.spread_m, step.spread_m, 2), 0.0]
         target = frame.apply(np.add(step.at, spread))
-        yaw = _yaw(frame) + self._turn_of_grasp * math.pi / 2
+        yaw = yaw_of(frame) + self._turn_of_grasp * math.pi / 2
         # The hand comes to where it has the object at the target, whatever way it holds it.
         shift = np.subtract(poses[TOOL].position, poses[step.object].position)
-        turned = _turned(shift, yaw - _yaw(poses[TOOL]))
+        turned = _turned(shift, yaw - yaw_of(poses[TOOL]))
         reason = self._drag(self._with_hand_noise(_over(np.add(target, turned), yaw)))
         if reason is not None:
             raise DemonstrationFailedError(f"{step.object} cannot be brought to {step.frame}: {reason}")
@@ -181,7 +181,7 @@ class ScriptedOperator:
 
     def _with_hand_noise(self, target: Pose) -> Pose:
         position = np.add(target.position, self._rng.normal(0.0, self._behavior.hand_m, 3))
-        return _over(position, _yaw(target) + float(self._rng.normal(0.0, self._behavior.hand_rad)))
+        return _over(position, yaw_of(target) + float(self._rng.normal(0.0, self._behavior.hand_rad)))
 
     def _pause(self) -> None:
         time.sleep(float(self._rng.uniform(*self._behavior.pause_s)))
@@ -193,12 +193,6 @@ class ScriptedOperator:
 def _over(position: Sequence[float] | np.ndarray[Any, Any], yaw_rad: float) -> Pose:
     x, y, z = (float(value) for value in position)
     return pointing_down(x, y, z, yaw_rad)
-
-
-def _yaw(pose: Pose) -> float:
-    """The yaw [rad] about the vertical of an upright object, or of a hand that points down."""
-    ahead = np.subtract(pose.apply((1.0, 0.0, 0.0)), pose.position)
-    return math.atan2(ahead[1], ahead[0])
 
 
 def _turned(vector: np.ndarray[Any, Any], angle_rad: float) -> np.ndarray[Any, Any]:

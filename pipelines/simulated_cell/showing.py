@@ -12,8 +12,8 @@ import zenoh
 
 from learner.model.condition import GripperState
 from learner.simulation.cell.physics import World
-from learner.simulation.scenarios import BASE, TOOL
 from pipelines.network.publisher import declare_publisher
+from pipelines.profile import Profile
 from recorder.wire import (
     GRIPPER,
     GRIPPER_ENCODING,
@@ -29,10 +29,13 @@ GRIPPER_PERIOD_S: Final = 0.5
 
 
 class Showing:
-    """Publishes what there is to be seen in a world, as a context. Stamps are of the wall clock."""
+    """Publishes what there is to be seen in a world, as a context. Stamps are of the wall clock.
 
-    def __init__(self, session: zenoh.Session, cell: str, world: World) -> None:
-        self._session, self._cell, self._world = session, cell, world
+    Frames are called as in the `profile`.
+    """
+
+    def __init__(self, session: zenoh.Session, cell: str, world: World, profile: Profile) -> None:
+        self._session, self._cell, self._world, self._profile = session, cell, world, profile
         self._state: GripperState | None = None
         self._poses_due_s = self._gripper_due_s = -math.inf
         self._opened = ExitStack()
@@ -52,8 +55,8 @@ class Showing:
         now_s, state = time.monotonic(), self._world.gripper.state
         if at_once or now_s >= self._poses_due_s:
             self._poses_due_s = now_s + 1 / POSES_HZ
-            poses = {**self._world.observe(), TOOL: self._world.arm.tool_pose}
-            self._poses.put(pose_message(time.time_ns(), BASE, poses))
+            poses = {**self._world.observe(), self._profile.end_effector_frame: self._world.arm.tool_pose}
+            self._poses.put(pose_message(time.time_ns(), self._profile.base_frame, poses))
         if at_once or now_s >= self._gripper_due_s or state != self._state:
             self._gripper_due_s, self._state = now_s + GRIPPER_PERIOD_S, state
             self._gripper.put(gripper_message(time.time_ns(), state, round(self._world.arm.width_m, 5)))

@@ -39,7 +39,10 @@ SETTLE_NETWORK_S: Final = 4.0
 
 @dataclass(frozen=True)
 class Options:
-    """How a recorder records. Sizes in bytes, times in seconds; None is without limit."""
+    """How a recorder records. Sizes in bytes, times in seconds; None is without limit.
+
+    `cell` is what a request to start may leave out because the recorder knows its cell: objects, frames, scene.
+    """
 
     pre_roll_s: float = 2.0
     buffer_bytes: int = 256 << 20
@@ -49,6 +52,7 @@ class Options:
     upload_to: Destination | None = None
     """The service to which finished recordings travel."""
     plausible: Plausible = field(default_factory=Plausible)
+    cell: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Machine:
@@ -102,7 +106,8 @@ class Machine:
 
     def start(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Begin a demonstration. Raises RequestRefusedError, DiskError."""
-        start = Start.parse(request)
+        said = {name: value for name, value in request.items() if value is not None}
+        start = Start.parse({**self.options.cell, **said})
         if self.take is not None:
             raise RequestRefusedError(f"cannot start: {self.situation}; stop or discard it first")
         disk.check_room(self.folder, self.rate.bytes_s)

@@ -56,7 +56,7 @@ ORDER = {
     "pipelines": (
         "errors",
         "console home reference network",
-        "progress",
+        "progress profile",
         "steps controller simulated_cell",
         "service",
         "flows demo panel",
