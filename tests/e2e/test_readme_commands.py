@@ -1,17 +1,21 @@
-"""The README's commands, each executed as it stands there but for the port; of `serve` the store alone."""
+"""The README's commands, each executed as it stands there but for the port."""
 
 from __future__ import annotations
 
+import contextlib
+import math
+import os
 import re
 import shlex
+import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from support_processes import ROOT, command, daemon
+from support_processes import ROOT, command, environment, processes_of
 from support_recordings import object_in_box
 
 from pipelines.cli import COMMANDS
@@ -27,7 +31,9 @@ def blocks() -> Iterator[list[str]]:
         yield [line for line in lines if line]
 
 
-SET_UP, AFTER_THE_DEMO, DAEMONS, BUTTONS, RUN = blocks()
+SET_UP, AFTER_THE_DEMO, *_ = blocks()
+ON_A_CELL = "".join(re.findall(r"```sh\n(.*?)```", README.partition("\n## On a cell\n")[2], re.DOTALL))
+"""The commands from nothing to a robot that does the task, as they are typed one after the other."""
 
 
 def test_the_two_commands_of_the_first_screen_do_what_they_say() -> None:
@@ -65,25 +71,45 @@ def test_the_commands_for_after_the_demo_work_on_a_data_root(tmp_path: Path) -> 
     assert (tmp_path / "object_in_box-1.svg").read_text().startswith("<")
 
 
-@pytest.mark.timeout(300)
-def test_the_commands_on_a_cell_work_together(tmp_path: Path) -> None:
-    for seed in (1, 2, 3):
-        object_in_box(seed).write(tmp_path / "recordings" / f"{seed}.mcap")
-    assert command(tmp_path, "ingest").returncode == 0
-    assert command(tmp_path, "learn", "object_in_box").returncode == 0
-    port = str(free_port())
-    with ExitStack() as stack:
-        for line in DAEMONS:
-            words = shlex.split(line.removesuffix("&").replace("7447", port))[1:]
-            words += ["--http", "127.0.0.1:0", "--store-only"] if words[0] == "serve" else []
-            assert stack.enter_context(daemon(tmp_path, *words)).hear()["ready"] is True
-        first, *buttons = BUTTONS
-        name, value = first.removeprefix("export ").split("=")
-        connect = {name: value.replace("7447", port)}
-        for line in [*buttons, *RUN]:
-            done = command(tmp_path, *shlex.split(line)[1:], **connect)
-            assert done.returncode == 0, f"{line}: {done.stderr}"
-            assert done.stdout
+@pytest.mark.timeout(400)
+def test_the_section_on_a_cell_leads_from_nothing_to_a_robot_that_does_the_task(tmp_path: Path) -> None:
+    """Every word of it, in a fresh shell in an empty folder; only the port is a free one."""
+    said = followed(tmp_path, ON_A_CELL.replace("7447", str(free_port())))
+    assert said.count("pick A: accepted") == said.count("drop A: accepted") == 3
+    assert "learned object_in_box@1 (latest)" in said
+    assert "has all that object_in_box@1 needs; it would start with Pick A" in said
+    assert said.count("object_in_box@1: success after ") == 2
+    truth = dict(re.findall(r"^(A|box) +\((.*)\)$", said.rpartition("success after")[2], re.MULTILINE))
+    (x, y, z), (bx, by, _) = ([float(number) for number in truth[name].split(",")] for name in ("A", "box"))
+    assert math.hypot(x - bx, y - by) < 0.15
+    assert z < 0.05
+    assert processes_of(tmp_path) == []
+
+
+def followed(folder: Path, commands: str) -> str:
+    """What a shell says that is given the commands; it stops at the first that fails, and nothing of it is left."""
+    (folder / "bin").mkdir()
+    treewright = folder / "bin" / "treewright"
+    treewright.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m pipelines.cli "$@"\n')
+    treewright.chmod(0o755)
+    told = {name: value for name, value in environment(folder).items() if name != "TREEWRIGHT_HOME"}
+    path = f"{treewright.parent}:{told['PATH']}"
+    shell = subprocess.Popen(
+        ["bash", "-e", "-c", commands + "\nwait"],
+        cwd=folder,
+        env={**told, "PATH": path, "HOME": str(folder)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        said, _ = shell.communicate(timeout=380)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(shell.pid, signal.SIGKILL)
+    assert shell.returncode == 0, said
+    return said
 
 
 def free_port() -> int:
