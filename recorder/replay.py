@@ -20,6 +20,7 @@ from mcap.records import Channel
 
 from learner.model import check_name
 from recorder.errors import RecorderError
+from recorder.foxglove import SHOWN
 from recorder.paths import shown
 from recorder.recording import messages
 from recorder.wire import (
@@ -142,6 +143,8 @@ def _timed(files: Sequence[Path], how: Replay, say: Say) -> Iterator[Timed]:
         log_ns = message.log_time
         begin_ns = log_ns + int(how.start_s * NS) if begin_ns < 0 else begin_ns
         if log_ns < begin_ns and not course.stepped:
+            continue
+        if channel.topic in SHOWN:
             continue
         if channel.topic.endswith(ATTACHMENT):
             attached = log_ns, message.data

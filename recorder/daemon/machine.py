@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from recorder import disk
+from recorder.daemon.board import show_scene
 from recorder.daemon.desk import sentence_of
 from recorder.daemon.requests import Start, parse_outcome
 from recorder.daemon.take import Take
@@ -122,6 +123,7 @@ class Machine:
         take.demonstrated = replace(demonstrated, start_ns=self._receiver.begin(writing.intake))
         self.take = take
         self._caches.latched.begin()
+        show_scene(self._receiver, take.demonstrated)
         begun = {"demonstration_id": take.demonstration_id, "file": str(writing.file)}
         self._voice.tell("start", **begun)
         return begun
@@ -174,6 +176,7 @@ class Machine:
         balance = self._receiver.swap(writing.intake)
         self._caches.latched.begin()
         before = take.go_on(following, writing, time.monotonic())
+        show_scene(self._receiver, following)
         finished = before.finish("unknown", balance, self._notices.sentences, continued=True)
         take.add_part(before, finished)
         self._voice.tell("split", file=str(finished.file), part=part - 1, next_file=str(writing.file))

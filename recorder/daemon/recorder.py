@@ -13,6 +13,7 @@ import zenoh
 
 from learner.model import check_name
 from recorder import disk, wire
+from recorder.daemon.board import show_event
 from recorder.daemon.buttons import Buttons
 from recorder.daemon.desk import Desk
 from recorder.daemon.machine import Machine, Options, State
@@ -55,7 +56,8 @@ class Recorder:
         self.folder, self._session = folder.absolute(), session
         self._prefix, options = wire.prefix_of(cell), options or Options()
         notices, watch = Notices(), Watch()
-        self.voice = Voice(session, self._key("events"), on_event)
+        self._on_event = on_event
+        self.voice = Voice(session, self._key("events"), self._hear_event)
         self.receiver = Receiver(self._prefix, options.patterns, options.pre_roll_s, self._hear, watch.note, notices)
         self._caches = Caches(session, self._prefix, self.receiver)
         self._desk = Desk(session, self._key(""), self._fence, self._fulfil, self.voice)
@@ -128,6 +130,10 @@ class Recorder:
 
     def _fence(self) -> None:
         self.receiver.fence.await_samples(self._session, FENCE_S)
+
+    def _hear_event(self, told: dict[str, Any]) -> None:
+        self._on_event(told)
+        show_event(self.receiver, told)
 
     def _hear(self, arrival: Arrival) -> None:
         """An action has arrived (on the receiving thread): judge it elsewhere."""

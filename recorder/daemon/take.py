@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from recorder.daemon.writing import Writing
+from recorder.foxglove import SHOWN
 from recorder.intake.ledger import Balance
 from recorder.recording import Demonstrated, Finished
 from recorder.teaching.feedback import gaps_near_actions
@@ -79,7 +80,7 @@ class Take:
         reply = {
             "demonstration_id": self.demonstration_id,
             "file": str(finished.file),
-            "messages": dict(finished.messages),
+            "messages": {topic: count for topic, count in finished.messages.items() if topic not in SHOWN},
             "lost": balance.lost,
             "overflowed": balance.refusals,
             "sha256": finished.sha256,

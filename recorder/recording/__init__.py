@@ -5,6 +5,7 @@ MCAP file
 ├── /poses     protobuf  foxglove.FrameTransforms
 ├── /gripper   json      treewright.GripperState
 ├── /action    json      treewright.DemonstratedAction
+├── /recorder/…  protobuf  foxglove.SceneUpdate, foxglove.Log: what the recorder shows in Foxglove
 └── /…         any other key of the cell, byte for byte; `zenoh_encoding` in the channel's metadata
 
 demonstrated is the metadata record, schemas those of the topics. writer packs messages into chunks, verifies what it
