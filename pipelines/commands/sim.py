@@ -3,6 +3,7 @@
     sim --cell C                            it lives: what stands on its table is the cell's profile, else a scenario
     sim --cell C reset                      everything stands at another random start
     sim --cell C move OBJECT [X Y [Z]]      somebody pulls an object about: to a place in the base [m], else anywhere
+    sim --cell C take OBJECT                somebody takes an object away, until it is moved somewhere
     sim --cell C hand TARGET [DX DY DZ]     the operator leads the hand to an object, or to a place beside or over it
     sim --cell C grip open|closed           the operator moves the fingers
     sim --cell C truth                      where everything truly is
@@ -70,6 +71,8 @@ def _add_plays(parser: argparse.ArgumentParser) -> None:
     move = plays.add_parser("move", help="somebody pulls an object about", parents=[common])
     move.add_argument("object", metavar="OBJECT")
     move.add_argument("place", nargs="*", type=METRES, metavar="X Y [Z]", help="in the base [m]; else anywhere free")
+    take = plays.add_parser("take", help="somebody takes an object away, until it is moved somewhere", parents=[common])
+    take.add_argument("object", metavar="OBJECT")
     hand = plays.add_parser("hand", help="the operator leads the hand to an object, or to beside it", parents=[common])
     hand.add_argument("target", metavar="TARGET", help="an object, or the base frame")
     hand.add_argument("offset", nargs="*", type=METRES, metavar="DX DY DZ", help="along the target's axes [m] (0 0 0)")
@@ -174,6 +177,8 @@ def _play(arguments: argparse.Namespace, console: Console) -> int:
     for name, pose in sorted(truth["poses"].items()):
         x, y, z = pose["position"]
         console.say(f"{name:<16} ({x:.3f}, {y:.3f}, {z:.3f})")
+    if truth["away"]:
+        console.say(f"taken away: {', '.join(truth['away'])}")
     console.say(f"the gripper is {truth['gripper']} and holds {truth['held'] or 'nothing'}")
     return 0
 
@@ -187,9 +192,18 @@ def _move(session: zenoh.Session, arguments: argparse.Namespace) -> dict[str, An
         arguments.refuse(f"a place is X Y or X Y Z, not {len(arguments.place)} numbers")
     fields: dict[str, Any] = {"object": arguments.object}
     if arguments.place:
-        here = _ask(session, arguments, "truth", {})["poses"].get(arguments.object, {"position": (0.0, 0.0, 0.0)})
-        fields["position"] = [*arguments.place, *([here["position"][2]] if len(arguments.place) == 2 else [])]
+        fields["position"] = [*arguments.place, *([_height_m(session, arguments)] if len(arguments.place) == 2 else [])]
     return _ask(session, arguments, "disturb", fields)
+
+
+def _height_m(session: zenoh.Session, arguments: argparse.Namespace) -> float:
+    """Of the origin of an object that stands on the table."""
+    shapes = _ask(session, arguments, "scene", {})["scene"]["objects"]
+    return float(shapes[arguments.object]["size_m"][2]) / 2 if arguments.object in shapes else 0.0
+
+
+def _take(session: zenoh.Session, arguments: argparse.Namespace) -> dict[str, Any]:
+    return _ask(session, arguments, "disturb", {"object": arguments.object, "away": True})
 
 
 def _hand(session: zenoh.Session, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -219,6 +233,7 @@ def _ask(session: zenoh.Session, arguments: argparse.Namespace, what: str, field
 PLAYS: Final[Mapping[str, Callable[[zenoh.Session, argparse.Namespace], dict[str, Any]]]] = {
     "reset": _reset,
     "move": _move,
+    "take": _take,
     "hand": _hand,
     "grip": _grip,
     "truth": _truth,

@@ -6,7 +6,8 @@ Below `treewright/<cell>/sim/` it also answers what a real cell has no answer to
     scene     {}                                            scenario, objects, frames, shapes
     reset     {"seed"?}                                     stand at another random start
     disturb   {"object", "position"?, "orientation"?}       put an object elsewhere; without position anywhere free
-              {"take_from_gripper": {"position"?, ...}}     take away what is held, the same way
+              {"object", "away": true}                      take an object off the table, until it is put elsewhere
+              {"take_from_gripper": {"position"?, ...}}     take what is held out of the gripper, the same way
               {"skill_failure_rate": p}                     let skills fail by chance from now on
     drag      {"position", "orientation"}                   lead the hand to a pose in the base, as an operator does
     grip      {"state": "open" | "closed"}                  move the fingers where the hand is
@@ -245,6 +246,7 @@ class Cell:
             "goal_held_s": round(world.goal.held_s(world.time_s), 4),
             "held": world.held,
             "gripper": world.gripper.state,
+            "away": sorted(world.bodies.away),
             "poses": {**poses, self._profile.end_effector_frame: _to_data(world.arm.tool_pose)},
         }
 
@@ -274,6 +276,8 @@ class Cell:
             if self.world.held is None:
                 raise BadRequestError("nothing is held that could be taken from the gripper")
             self._teleport(self.world.held, object_in(fields["take_from_gripper"]))
+        elif fields.get("away") is True:
+            self.world.take_away(text_in(fields, "object"))
         else:
             self._teleport(text_in(fields, "object"), fields)
         return self._truth(fields)

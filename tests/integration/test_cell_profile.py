@@ -83,10 +83,31 @@ def test_objects_are_pulled_about_by_command_and_reset_starts_anew(play: Play) -
     assert play("reset")["poses"]["bin"] != start["bin"]
 
 
+def test_what_is_taken_away_is_not_seen_until_it_is_put_somewhere(play: Play, session: zenoh.Session) -> None:
+    play("reset", "--seed", "6")
+    play("hand", "A")
+    assert play("grip", "closed")["held"] == "A"
+    truth = play("take", "A")
+    assert (truth["away"], truth["held"], "A" in truth["poses"]) == (["A"], None, False)
+    with witness(session) as seen:
+        wait_until(lambda: len(seen.poses) > 3)
+    assert {each.child_frame_id for each in seen.poses[-1].transforms} == {"bin", "flange"}
+    play("grip", "open")
+    truth = play("move", "A", "0.5", "0.0")
+    assert truth["away"] == []
+    assert truth["poses"]["A"]["position"] == pytest.approx((0.5, 0.0, 0.025), abs=0.002)
+    play("hand", "A")
+    assert play("grip", "closed")["held"] == "A"
+    play("take", "bin")
+    assert play("take", "A")["away"] == ["A", "bin"]
+    assert play("reset")["away"] == []
+
+
 def test_what_cannot_be_played_is_told_in_one_line(play: Play) -> None:
     assert play("hand", "C", code=1) == "treewright: the cell has no 'C'; it has world, A, bin, flange\n"
     assert "the hand stopped" in play("hand", "world", "2", "2", "0.2", code=1)
     assert "no object 'C'" in play("move", "C", code=1)
+    assert "no object 'C'" in play("take", "C", code=1)
     with pytest.raises(SystemExit) as caught:
         play("move", "A", "0.5")
     assert caught.value.code == 2

@@ -12,6 +12,8 @@ from learner.simulation.cell.engine import Engine
 from learner.simulation.scenarios import Body
 
 TABLE: Final = "the table"
+BELOW_M: Final = 10.0
+"""So far below the table [m], and below each other, is what somebody took away."""
 STILL_M_PER_S: Final = 0.01
 STILL_RAD_PER_S: Final = 0.1
 """What moves more slowly than this stands still."""
@@ -32,6 +34,7 @@ class Bodies:
         self._engine = engine
         self._ids = {name: self._add(body) for name, body in sorted(kinds.items())}
         self._names = {body: name for name, body in self._ids.items()}
+        self._away: set[str] = set()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -53,8 +56,24 @@ class Bodies:
         position, quaternion_xyzw = self._engine.getBasePositionAndOrientation(self.id(name))
         return Pose.of(position, quaternion_xyzw)
 
+    @property
+    def away(self) -> frozenset[str]:
+        """What somebody took off the table."""
+        return frozenset(self._away)
+
+    def take_away(self, name: str) -> None:
+        """Take an object off the table, until it is put somewhere. Raises UnknownObjectError."""
+        turn = self.pose(name).quaternion_xyzw
+        # Each in a place of its own: no goal holds between two of them.
+        self.put(name, Pose((0.0, 0.0, -BELOW_M * (1 + self.names.index(name))), turn))
+        self._engine.changeDynamics(self._ids[name], -1, mass=0.0)
+        self._away.add(name)
+
     def put(self, name: str, pose: Pose) -> None:
         """Let an object stand at a pose at once, without motion."""
+        if name in self._away:
+            self._away.remove(name)
+            self._engine.changeDynamics(self._ids[name], -1, mass=self.kinds[name].mass_kg)
         self._engine.resetBasePositionAndOrientation(self._ids[name], pose.position, pose.quaternion_xyzw)
         self._engine.resetBaseVelocity(self._ids[name], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 

@@ -43,6 +43,8 @@ class Camera:
 
     def observe(self, true_poses: Mapping[str, Pose]) -> dict[str, Pose]:
         """One noisy look at the true poses in the base."""
+        if not true_poses:
+            return {}
         seen = dict(zip(true_poses, self.noise.disturb(list(true_poses.values()), self._rng), strict=True))
         for name, pose in seen.items():
             self._seen.setdefault(name, deque(maxlen=self._samples)).append(pose)

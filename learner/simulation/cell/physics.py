@@ -128,8 +128,8 @@ class World:
         return self.bodies.pose(name)
 
     def poses_in_base(self) -> dict[str, Pose]:
-        """The true poses of all objects."""
-        return {name: self.pose_in_base(name) for name in self.objects}
+        """The true poses of all objects that nobody took away."""
+        return {name: self.pose_in_base(name) for name in self.objects if name not in self.bodies.away}
 
     def observe(self) -> dict[str, Pose]:
         """One noisy look of the camera at all objects."""
@@ -138,7 +138,7 @@ class World:
     def shown(self) -> dict[str, Pose]:
         """The poses at which objects look to stand: a cube that came to lie on another side looks as if it stood."""
         poses = self.poses_in_base()
-        cubes = (name for name, body in self.scenario.bodies.items() if body.symmetry == "cube")
+        cubes = (name for name in poses if self.scenario.bodies[name].symmetry == "cube")
         return poses | {name: upright(poses[name]) for name in cubes}
 
     def frame_in_base(self, frame: str) -> Pose:
@@ -159,12 +159,13 @@ class World:
 
     def _estimate(self, name: str) -> Pose:
         estimate = self.camera.estimate(name)
-        assert estimate is not None  # just observed
+        if estimate is None:  # it was taken away before anybody looked
+            raise UnknownObjectError("frame", name, (BASE, *self.poses_in_base()))
         return estimate
 
     def _look_at_goal(self) -> None:
         if self.scenario.goal:
-            self.goal.look(self.time_s, self.held, self.poses_in_base())
+            self.goal.look(self.time_s, self.held, {name: self.pose_in_base(name) for name in self.objects})
 
     # --- a person's hands
 
@@ -180,6 +181,17 @@ class World:
             if each == self.held:
                 self.gripper.take_away()
             self._put(each, motion @ self.pose_in_base(each))
+        self._look_at_goal()
+
+    def take_away(self, name: str) -> None:
+        """Take an object off the table: nothing sees or meets it until it is put somewhere, or at a reset.
+
+        A held object leaves the gripper, which stays closed. Raises UnknownObjectError.
+        """
+        if name == self.held:
+            self.gripper.take_away()
+        self.bodies.take_away(name)
+        self.rest.end()
         self._look_at_goal()
 
     def put(self, name: str, pose: Pose) -> bool:
