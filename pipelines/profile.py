@@ -16,13 +16,18 @@ Only `objects` must be there.
 
 from __future__ import annotations
 
+import argparse
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pipelines.errors import CommandError
 from pipelines.home import Home
+
+if TYPE_CHECKING:
+    from learner.model import Scene
 
 FRAMES: Final = {"base_frame": "base", "end_effector_frame": "tool0"}
 """The frames that a profile has where it names none."""
@@ -125,6 +130,33 @@ def _check_shape(name: Any, shape: Any) -> None:
     size = shape.get("size_m")
     if not isinstance(size, list) or len(size) != LENGTHS:
         raise ValueError(f"size_m of {name} is a list of three lengths in metres, not {size!r}")
+
+
+def frames_and_scene(arguments: argparse.Namespace, home: Home) -> tuple[str, str, Scene | None]:
+    """The base frame, the end-effector frame and the shapes of a cell, as a command was told of them.
+
+    That is as its options say, else as the cell's profile does. Raises ProfileError, NameRefusedError, and CommandError
+    for a scene that is none.
+    """
+    from learner.model import Scene, check_name
+
+    profile = profile_of(check_name("cell", arguments.cell), home, arguments.profile)
+    told = FRAMES if profile is None else profile.start()
+    base, hand = (check_name("frame", getattr(arguments, name) or told[name]) for name in FRAMES)
+    scene = scene_told(arguments.scene) if arguments.scene else None if profile is None else profile.scene
+    try:
+        return base, hand, None if scene is None else Scene.of_data(scene)
+    except ValueError as error:
+        raise CommandError(f"--scene: {error}") from error
+
+
+def scene_told(text: str) -> Any:
+    """The JSON of an option, or of the file that it names by @FILE. Raises CommandError for what is none."""
+    source = Path(text[1:]).read_text() if text.startswith("@") else text
+    try:
+        return json.loads(source)
+    except ValueError as error:
+        raise CommandError(f"the scene is not JSON: {error}") from error
 
 
 def written(profile: Profile) -> str:

@@ -149,6 +149,8 @@ def _known(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _given(arguments: argparse.Namespace) -> dict[str, Any]:
     """What the command line says."""
+    from pipelines.profile import scene_told
+
     objects = [name for word in arguments.objects or () for name in word.split(",") if name]
     said = {
         "objects": objects if arguments.objects else None,
@@ -158,17 +160,6 @@ def _given(arguments: argparse.Namespace) -> dict[str, Any]:
         "unseen_ok": arguments.unseen_ok or None,
     }
     return {name: value for name, value in said.items() if value is not None}
-
-
-def scene_told(text: str) -> Any:
-    """The JSON of an option, or of the file that it names by @FILE. Raises CommandError for what is none."""
-    from pathlib import Path
-
-    source = Path(text[1:]).read_text() if text.startswith("@") else text
-    try:
-        return json.loads(source)
-    except ValueError as error:
-        raise CommandError(f"the scene is not JSON: {error}") from error
 
 
 def _value(text: str) -> bool | float | str:

@@ -6,20 +6,14 @@ With --json one object a line: {"ready": true} when it answers, then {"event": "
 from __future__ import annotations
 
 import argparse
-import json
 import signal
 import threading
-from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from pipelines.commands.options import PORT
+from pipelines.commands.options import PORT, add_profile_argument
 from pipelines.console import Console
-from pipelines.errors import CommandError
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
-
-if TYPE_CHECKING:
-    from learner.model.scene import Scene
 
 DEFAULT_PORT: Final = 8421
 LOOPBACK: Final = "127.0.0.1"
@@ -31,8 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=PORT, default=DEFAULT_PORT, metavar="P", help=f"of {LOOPBACK}; 0: any ({DEFAULT_PORT})"
     )
-    parser.add_argument("--base-frame", default="base", metavar="F", help="default: base")
-    parser.add_argument("--end-effector-frame", default="tool0", metavar="F", help="default: tool0")
+    add_profile_argument(parser)
+    parser.add_argument("--base-frame", metavar="F", help="default: that of the profile, else base")
+    parser.add_argument("--end-effector-frame", metavar="F", help="default: that of the profile, else tool0")
     parser.add_argument(
         "--scene", metavar="JSON", help="sizes and symmetries, or @FILE; a simulated cell is asked for its own"
     )
@@ -47,14 +42,14 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     from pipelines.panel.run_watch import RunWatch
     from pipelines.panel.server import PanelServer
     from pipelines.panel.watch import CellWatch, Frames
+    from pipelines.profile import frames_and_scene
     from pipelines.steps.stores import open_store
 
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
-    base, hand = (check_name("frame", name) for name in (arguments.base_frame, arguments.end_effector_frame))
-    home = Home.current()
-    cell, scene = check_name("cell", arguments.cell), _scene(arguments.scene)
+    home, cell = Home.current(), check_name("cell", arguments.cell)
+    base, hand, scene = frames_and_scene(arguments, home)
     with (
         open_session(arguments) as session,
         open_store(home) as store,
@@ -75,15 +70,3 @@ def _network(arguments: argparse.Namespace) -> list[str]:
     endpoints = arguments.connect or arguments.listen or []
     words = [word for endpoint in endpoints for word in ("--connect", endpoint)]
     return words + (["--zenoh-config", arguments.zenoh_config] if arguments.zenoh_config else [])
-
-
-def _scene(text: str | None) -> Scene | None:
-    """Raises CommandError for what is no scene."""
-    from learner.model.scene import Scene
-
-    if text is None:
-        return None
-    try:
-        return Scene.of_data(json.loads(Path(text[1:]).read_text() if text.startswith("@") else text))
-    except ValueError as error:
-        raise CommandError(f"--scene: {error}") from error

@@ -1,7 +1,7 @@
 """`treewright world --cell C`: the conditions of the contract's trees, answered for engines that are not ours.
 
 With `--json` the first line is `{"ready": true}`. Sizes, kinds and grasps come from the manifest of a tree (`--tree`),
-or from a scene (`--scene`); without either objects are points.
+from a scene (`--scene`), or from the cell's profile; without any of them objects are points.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import signal
 import threading
 from typing import TYPE_CHECKING
 
+from pipelines.commands.options import add_profile_argument
 from pipelines.console import Console
+from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
 
 if TYPE_CHECKING:
@@ -26,8 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     known = parser.add_mutually_exclusive_group()
     known.add_argument("--tree", metavar="T[@V]", help="take frames, sizes, grasps and places from this tree")
     known.add_argument("--scene", metavar="JSON", help="sizes, symmetries and kinds (CONTRACT, section 2), or @FILE")
-    parser.add_argument("--base-frame", default="base", help="where no tree tells it (default: base)")
-    parser.add_argument("--end-effector-frame", default="tool0", help="where no tree tells it (default: tool0)")
+    add_profile_argument(parser)
+    parser.add_argument("--base-frame", metavar="F", help="default: that of the tree or the profile, else base")
+    parser.add_argument(
+        "--end-effector-frame", metavar="F", help="default: that of the tree or the profile, else tool0"
+    )
     parser.add_argument("--store", metavar="DIR", help="read the tree from this store instead of asking over Zenoh")
     add_zenoh_arguments(parser)
 
@@ -61,15 +66,12 @@ def _answer(console: Console, session: zenoh.Session, cell: str, state: CellStat
 
 def _state(arguments: argparse.Namespace, session: zenoh.Session, stop: threading.Event) -> CellState:
     from learner.execution.perception import CellState
-    from learner.model.names import check_name
-    from learner.model.scene import Scene
     from learner.relations.answering import Answering
-    from pipelines.commands.demonstrate import scene_told
+    from pipelines.profile import frames_and_scene
 
     if arguments.tree is not None:
         return _of_tree(arguments, session, stop)
-    base, hand = (check_name("frame", name) for name in (arguments.base_frame, arguments.end_effector_frame))
-    scene = None if arguments.scene is None else Scene.of_data(scene_told(arguments.scene))
+    base, hand, scene = frames_and_scene(arguments, Home.current())
     return CellState(base, hand, Answering(scene))
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from learner.simulation.scenarios import SCENARIOS, sample_start
-from pipelines.commands import demonstrate
+from pipelines.commands import demonstrate, panel, world
 from pipelines.errors import CommandError
 from pipelines.home import Home
-from pipelines.profile import Profile, ProfileError, profile_of, read_profile, written
+from pipelines.profile import Profile, ProfileError, frames_and_scene, profile_of, read_profile, written
 from pipelines.simulated_cell.table import profile_of_scenario, scenario_of
 
 KITTING = """
@@ -147,3 +147,22 @@ def test_a_start_without_a_profile_leaves_the_cell_to_the_recorder_unless_object
     asked = request(tmp_path, monkeypatch, "--objects", "A", "B")
     frames = {"base_frame": "base", "end_effector_frame": "tool0"}
     assert asked == {"task": "t", "user": "u", "objects": ["A", "B"], **frames}
+
+
+@pytest.mark.parametrize("command", [panel, world])
+def test_a_command_knows_frames_and_shapes_by_the_profile_unless_they_are_typed(command: Any, tmp_path: Path) -> None:
+    def known(*words: str) -> Any:
+        parser = argparse.ArgumentParser()
+        command.add_arguments(parser)
+        return frames_and_scene(parser.parse_args(["--cell", "bench", *words]), Home(tmp_path))
+
+    assert known() == ("base", "tool0", None)
+    (tmp_path / "cells").mkdir()
+    (tmp_path / "cells" / "bench.yaml").write_text(KITTING)
+    base, hand, scene = known()
+    assert (base, hand, scene.objects["tray"].open) == ("world", "flange", True)
+    base, hand, scene = known("--base-frame", "map", "--scene", '{"objects": {}}')
+    assert (base, hand, dict(scene.objects)) == ("map", "flange", {})
+    for text in ("[", "{", '{"objects": 7}'):
+        with pytest.raises(CommandError, match="scene"):
+            known("--scene", text)
