@@ -14,10 +14,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from pipelines.commands.options import SEED, SPEED, whole
 from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import Home
+from pipelines.options import SEED, SPEED, whole
 
 if TYPE_CHECKING:
     from pipelines.demo.demo import Report

@@ -16,10 +16,10 @@ import json
 import time
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.options import PATIENCE, STAMP_NS, add_profile_argument
 from pipelines.console import Console
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import PATIENCE, STAMP_NS, add_profile_argument
 
 if TYPE_CHECKING:
     import zenoh

@@ -27,9 +27,9 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from pipelines.commands.options import INDEX
 from pipelines.console import Console
 from pipelines.home import Home
+from pipelines.options import INDEX
 
 if TYPE_CHECKING:
     from learner.model import DemonstratedAction, Demonstration, Pose

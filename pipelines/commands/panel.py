@@ -10,10 +10,10 @@ import signal
 import threading
 from typing import Final
 
-from pipelines.commands.options import PORT, add_profile_argument
 from pipelines.console import Console
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import PORT, add_profile_argument
 
 DEFAULT_PORT: Final = 8421
 LOOPBACK: Final = "127.0.0.1"

@@ -8,11 +8,11 @@ import signal
 import threading
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.options import MEGABYTES, add_profile_argument, real, seconds
 from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import TOKEN, Home
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import MEGABYTES, add_profile_argument, real, seconds
 
 if TYPE_CHECKING:
     from pipelines.profile import Profile

@@ -10,9 +10,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from pipelines.commands.options import INDEX
 from pipelines.console import Console
 from pipelines.home import Home
+from pipelines.options import INDEX
 
 if TYPE_CHECKING:
     from pipelines.steps.quarantine import QuarantinedDemonstration

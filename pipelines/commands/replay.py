@@ -7,9 +7,9 @@ import signal
 import threading
 from pathlib import Path
 
-from pipelines.commands.options import DURATION, INDEX, real
 from pipelines.console import Console
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import DURATION, INDEX, real
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

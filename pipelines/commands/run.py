@@ -20,11 +20,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from pipelines.commands.options import PATIENCE
 from pipelines.console import Console
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import PATIENCE
 
 if TYPE_CHECKING:
     import zenoh

@@ -17,10 +17,10 @@ import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from pipelines.commands.options import PERIOD, PORT
 from pipelines.console import Console
 from pipelines.home import TOKEN, Home
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import PERIOD, PORT
 
 if TYPE_CHECKING:
     from pipelines.service.serve import Settings

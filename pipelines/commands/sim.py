@@ -19,11 +19,11 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from pipelines.commands.options import SEED, SPEED, add_profile_argument, real
 from pipelines.console import Console, silent_standard_error
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import SEED, SPEED, add_profile_argument, real
 
 if TYPE_CHECKING:
     import zenoh

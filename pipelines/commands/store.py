@@ -31,9 +31,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from pipelines.commands.options import INDEX
 from pipelines.console import Console
 from pipelines.home import Home
+from pipelines.options import INDEX
 
 if TYPE_CHECKING:
     from storage.artifacts import Artifact, ArtifactStore

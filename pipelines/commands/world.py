@@ -11,10 +11,10 @@ import signal
 import threading
 from typing import TYPE_CHECKING
 
-from pipelines.commands.options import add_profile_argument
 from pipelines.console import Console
 from pipelines.home import Home
 from pipelines.network.session import add_zenoh_arguments, open_session
+from pipelines.options import add_profile_argument
 
 if TYPE_CHECKING:
     import zenoh

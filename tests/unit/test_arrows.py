@@ -54,7 +54,7 @@ ORDER = {
         "daemon",
     ),
     "pipelines": (
-        "errors",
+        "errors options",
         "console home reference network",
         "progress profile",
         "steps controller simulated_cell",

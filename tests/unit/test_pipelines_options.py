@@ -36,7 +36,7 @@ def chosen(command: str) -> argparse.ArgumentParser:
 
 def takes_numbers(action: argparse.Action) -> bool:
     assert callable(action.type)
-    return action.type in (int, float) or action.type.__module__ == "pipelines.commands.options"
+    return action.type in (int, float) or action.type.__module__ == "pipelines.options"
 
 
 NUMERIC = [
