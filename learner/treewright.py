@@ -29,7 +29,7 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
     draft = Draft(understood, parameters.planning, understood_without(understood))
     asked = questions(demonstrations, understood.targets, parameters.inference, understood.groups)
     users = agreement(understood, draft.without)
-    doubts = doubts_about(understood, parameters.regularities)
+    doubts = doubts_about(understood, draft.actions, parameters.regularities)
     report, notes = _report(understood, asked, users), _notes(understood, doubts, asked, users)
     tree = draft.tree()
     grasps = draft.grasps if "FindGrasp" in tree.leaves else ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from itertools import permutations
@@ -25,8 +26,8 @@ class LearnedActions:
     """The actions of a task: `grasps` in each object's own frame, `placements` by target."""
 
     def __init__(self, moves: Moves, targets: Sequence[Target], parameters: PlanningParameters) -> None:
-        self.parameters, self.moves = parameters, moves
-        self.scene = scene_of(moves.samples.demonstrations)
+        self.moves, self.scene = moves, scene_of(moves.samples.demonstrations)
+        self.parameters = parameters = parameters.for_cell(self.scene)
         self.picks = {str(name): moves.picks(moves.object == name) for name in np.unique(moves.object)}
         self.axes = {name: upright_axis(picks.origin(name)) for name, picks in self.picks.items()}
         self.grasps = {name: self._grasp(name) for name in self.axes}
@@ -126,21 +127,51 @@ class LearnedActions:
         )
 
     def _place_radius(self, target: Target) -> float:
-        """From the spread of the rests, and less where neighbours or what is stacked must be told apart."""
-        p = self.parameters
-        rests = target.rests.positions
-        sigma = float(np.sqrt(((rests - rests.mean(axis=0)) ** 2).sum() / max(3 * (len(rests) - 1), 1)))
-        wide = p.noise_radius_m + p.spread_radii * sigma if len(rests) >= p.min_samples else p.place_radius_m
-        apart = p.apart * self.nearest_m.get(target, np.inf)
-        least = min(p.place_radius_m, max(p.least_radius_m, p.sigmas_seen * self._seen_m(target, rests)))
-        return rounded(max(least, min(p.place_radius_m, wide, apart, p.below_lowest * self._lowest_m())))
+        """As noise and the spread of the rests ask for, and less where it must be told from what is near."""
+        p, seen_m = self.parameters, self.parameters.sigmas_seen * self._seen_m(target)
+        wide = float(np.hypot(p.noise_radius_m, p.spread_radii * self._scatter_m(target)))
+        usual = max(p.least_radius_m, seen_m, min(wide, p.below_lowest * self._lowest_m()))
+        apart = min(p.apart * self.nearest_m.get(target, np.inf), p.below_lowest * self.pocket_m(target))
+        return rounded(min(p.place_radius_m, max(seen_m, min(usual, apart))))
 
-    def _seen_m(self, target: Target, rests: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+    def _scatter_m(self, target: Target) -> float:
+        """How much more the rests scatter per axis [m] than a cell's own noise explains; 0 of too few to tell."""
+        rests, p = target.rests.positions, self.parameters
+        if len(rests) < p.min_samples:
+            return 0.0
+        variance = float(((rests - rests.mean(axis=0)) ** 2).sum() / (3 * (len(rests) - 1)))
+        return float(np.sqrt(max(variance - self._seen_m(target) ** 2, 0.0)))
+
+    def _seen_m(self, target: Target) -> float:
         """The scatter [m] per axis of what a camera sees of an object in a frame that it sees turned, too."""
         if target.frame == self.moves.samples.base:
             return self.parameters.seen_m
-        lever_m = float(np.linalg.norm(np.median(rests, axis=0)))
+        lever_m = float(np.linalg.norm(np.median(target.rests.positions, axis=0)))
         return float(np.hypot(np.sqrt(2) * self.parameters.seen_m, self.parameters.seen_rad * lever_m))
+
+    def pocket_m(self, target: Target) -> float:
+        """How deep [m] the object comes to lie below the top of that of the frame, which is no open container.
+
+        Infinite where it does not, or where no scene tells. So much higher it would lie upon the rim.
+        """
+        known = self.scene.objects if self.scene else {}
+        if not {target.object, target.frame} <= set(known) or known[target.frame].open:
+            return math.inf
+        heights_m = (self._height_m(target, name) for name in (target.frame, target.object))
+        deep_m = sum(heights_m) / 2 - self._raised_m(target)
+        return deep_m if deep_m > self.parameters.sunk_sigmas * self.parameters.seen_m else math.inf
+
+    def _height_m(self, target: Target, name: str) -> float:
+        """The height [m] of an object of known shape as it stands when the target's is released."""
+        assert self.scene is not None
+        poses = self.moves.releases(target.members).origin(name)
+        return Upright(self.scene.objects[name], upright_axis(poses[poses.known])).height_m
+
+    def _raised_m(self, target: Target) -> float:
+        """How much higher [m] than the frame's the object's origin comes to rest."""
+        releases = self.moves.releases(target.members)
+        heights = releases.rest(self.moves.samples.base).positions - releases.origin(target.frame).positions
+        return float(np.nanmedian(heights[:, 2]))
 
     def _lowest_m(self) -> float:
         """The height [m] of the lowest object that is picked, as it stands; infinite where no scene tells it."""
@@ -156,7 +187,8 @@ class LearnedActions:
         inside = min(sides) / 2 if min(sides) > 0 else np.inf
         contained = inside if np.linalg.norm(rest) < max(shape.size_m) / 2 else np.inf
         apart = p.apart * self.nearest_m.get(target, np.inf)
-        return rounded(max(p.least_radius_m, min(p.drop_radius_m, contained, max(apart, p.place_radius_m))))
+        narrow = min(contained, max(apart, p.place_radius_m))
+        return rounded(min(p.drop_radius_m, max(p.least_radius_m, narrow)))
 
 
 def scene_of(demonstrations: Sequence[Demonstration]) -> Scene | None:
@@ -170,18 +202,27 @@ def nearest_rests_m(moves: Moves, targets: Sequence[Target], same_m: float) -> M
     """For each target the distance [m] to the nearest other target reached in one demonstration, in the base.
 
     The median over demonstrations of the distance between rests. Targets that are never reached in one
-    demonstration do not count, nor do equal places, which are nearer than `same_m` [m].
+    demonstration do not count, nor do equal places, which are nearer than `same_m` [m], and one of which was left.
     """
     count = len(moves.samples.demonstrations)
     rests = [_rests_in_base(target, moves, count) for target in targets]
+    stays = [_stays(target, moves) for target in targets]
     nearest: dict[Target, float] = {}
-    for (a, at_a), (b, at_b) in permutations(zip(targets, rests, strict=True), 2):
+    for (a, at_a, stays_a), (b, at_b, stays_b) in permutations(zip(targets, rests, stays, strict=True), 2):
         apart = np.linalg.norm(at_a - at_b, axis=1)
         both = apart[~np.isnan(apart)]
         middle = float(np.median(both)) if len(both) else 0.0
-        if a is not b and middle > same_m:
+        if len(both) and (middle > same_m or (stays_a and stays_b and a.object != b.object)):
             nearest[a] = min(middle, nearest.get(a, np.inf))
     return nearest
+
+
+def _stays(target: Target, moves: Moves) -> bool:
+    """Whether most demonstrations that reach a target leave its object there."""
+    own = np.flatnonzero(moves.object == target.object)
+    last = dict(zip(moves.demonstration[own].tolist(), own.tolist(), strict=True))
+    left = [number for number in target.members if last[int(moves.demonstration[number])] != number]
+    return 2 * len(left) < len(target.members)
 
 
 def _rests_in_base(target: Target, moves: Moves, count: int) -> Array:

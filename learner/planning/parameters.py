@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M
+from learner.model.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,10 @@ class TurnParameters:
 
 @dataclass(frozen=True)
 class PlanningParameters:
-    """How grasps, placements and their radii are made, and what recovers."""
+    """How grasps, placements and their radii are made, and what recovers.
+
+    What perception noise decides is that of a cell which sees and does with `seen_m` and `seen_rad`; see `for_cell`.
+    """
 
     means: MeanParameters = field(default_factory=MeanParameters)
     grasps: GraspParameters = field(default_factory=GraspParameters)
@@ -89,23 +93,39 @@ class PlanningParameters:
     place_radius_m: float = PLACE_RADIUS_M
     drop_radius_m: float = DROP_RADIUS_M
     """Radii are never above the paper's (section III-B)."""
-    noise_radius_m: float = 0.0245
-    """Nor so small that 3 mm and 1 degree of perception noise, when placing and when looking, make the robot redo its
-    work; just below half of the 5 cm between stacked cubes. Only what must be told apart makes a radius smaller."""
-    least_radius_m: float = 0.02
-    """Below this a radius never is, whatever must be told apart: the robot would hardly ever find its work done."""
     seen_m: float = 0.003
     seen_rad: float = math.radians(1)
-    """Noise of perception at run time, per axis: of a pose's position and of its orientation."""
+    """What a cell sees and does with where no scene tells its accuracy (CONTRACT, section 2): one standard deviation
+    of a pose's position per axis, and of its orientation."""
+    noise_radius_m: float = 0.0245
+    """Radii are not so small that this noise, when placing and when looking, makes the robot redo its work: 4 times
+    sqrt(2) for placing and looking, times sqrt(2) for object and frame; below half of the 5 cm between stacked cubes.
+    Only what must be told apart makes a radius smaller."""
+    least_radius_m: float = 0.02
+    """Below this a radius never is, whatever must be told apart: the robot would hardly ever find its work done."""
     sigmas_seen: float = 4.0
     """No radius is below so many standard deviations of what is seen: far from the frame's origin turns matter most."""
     spread_radii: float = 4.0
-    """A radius is this many standard deviations of the rests, plus the radius for the noise of perception."""
+    """Where the rests scatter more than that noise explains, a radius takes in so many standard deviations more."""
     apart: float = 0.49
     """A radius is at most this share of the distance to the nearest other target: the two spheres do not meet."""
     same_rest_m: float = 0.02
-    """Targets nearer than this in the base are equal places, and need not be told apart."""
+    """Targets nearer than this in the base, of which one was left again, are equal places: not to be told apart."""
     below_lowest: float = 0.7
     """A radius is at most this share of the lowest object's height: what stands upon another is not in its place."""
     release_clearance_m: float = 0.005
     """How far above its rest an object is let go where the operator's label of a drop was corrected to a placement."""
+    sunk_sigmas: float = 3.0
+    """What lies deeper than so many standard deviations of a look below the top of what holds it lies in a pocket."""
+
+    def for_cell(self, scene: Scene | None) -> PlanningParameters:
+        """The same for a cell whose scene tells its accuracy: what noise decides grows and shrinks with that."""
+        seen_m = scene.accuracy_m if scene and scene.accuracy_m else self.seen_m
+        seen_rad = scene.accuracy_rad if scene and scene.accuracy_rad else self.seen_rad
+        finer, turns = seen_m / self.seen_m, self.turns
+        return replace(
+            self, seen_m=seen_m, seen_rad=seen_rad,
+            noise_radius_m=finer * self.noise_radius_m, least_radius_m=finer * self.least_radius_m,
+            same_rest_m=finer * self.same_rest_m,
+            turns=replace(turns, noise_rad=seen_rad / self.seen_rad * turns.noise_rad),
+        )  # fmt: skip

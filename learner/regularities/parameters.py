@@ -17,5 +17,7 @@ class RegularityParameters:
     """One demonstration has nothing in common with itself."""
     likely: float = 0.8
     """From this probability on a shape of place (a line, an area) is named."""
+    told_apart: float = 0.9
+    """Two places are told apart by a radius of at most this share of the distance between them."""
     chance: float = 0.02
     """Starts that would tell two goals apart so rarely by chance do tell them apart."""

@@ -92,8 +92,8 @@ def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal], grasps: S
     root = stage.root(tree.flattened())
     actor = Actor(root, stage.knowledge(root, grasps))
     with PhysicalWorld(
-        stage.bodies, start.spots, rng, base_frame=stage.base, sizes=stage.sizes, end_effector=stage.end_effector,
-        knowledge=actor.knowledge,
+        stage.bodies, start.spots, rng, stage.noise, base_frame=stage.base, sizes=stage.sizes,
+        end_effector=stage.end_effector, knowledge=actor.knowledge,
     ) as world:  # fmt: skip
         ticker = actor.enter(world)
         judgement = judged(rollout, world, ticker, goals, rng, stage.parameters.judging, STEPS_PER_ACTION)

@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, Pose
+from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, Pose, Scene
 from learner.model.frame import is_composed, objects_of
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
 from learner.model.query import Site, sites_of, written_sites
@@ -116,14 +116,22 @@ class Stage:
     def world(
         self, spots: Spots, rng: np.random.Generator, noise: Noise | None = None, knowledge: Knowledge = UNKNOWING
     ) -> KinematicWorld:
-        """A kinematic world in which everything stands at `spots`, with what a tree knows in the stage's terms."""
+        """A kinematic world in which everything stands at `spots`, with what a tree knows in the stage's terms, seen
+        with the noise of the cell or another one.
+        """
         world = KinematicWorld(
-            self.bodies, spots, rng, noise or Noise(), self.base, workspace_m=self.workspace_m,
+            self.bodies, spots, rng, noise or self.noise, self.base, workspace_m=self.workspace_m,
             sizes=self.sizes, end_effector=self.end_effector, knowledge=knowledge,
         )  # fmt: skip
         if self.points:
             world.table = Points(self.bodies, spots, rng)
         return world
+
+    @property
+    def noise(self) -> Noise:
+        """What the cell's camera scatters, as its scene tells; else the usual."""
+        usual, scene = Noise(), self.scene or Scene({})
+        return Noise(scene.accuracy_m or usual.position_m, scene.accuracy_rad or usual.angle_rad)
 
     @property
     def sizes(self) -> dict[str, Vector]:

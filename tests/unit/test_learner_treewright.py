@@ -337,8 +337,8 @@ def test_radii_follow_the_spread_and_never_exceed_the_papers() -> None:
     assert 0.02 <= tight < wide <= 0.05
 
 
-def test_a_single_demonstration_has_the_papers_radius() -> None:
-    assert radii(learn(shown([A_IN_BOX], count=1))) == [0.05]
+def test_a_single_demonstration_which_tells_no_spread_has_the_radius_for_noise() -> None:
+    assert radii(learn(shown([A_IN_BOX], count=1))) == [PlanningParameters().noise_radius_m]
 
 
 @pytest.mark.parametrize(("size_m", "most_m"), [(0.3, 0.10), (0.12, 0.06)])
