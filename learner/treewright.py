@@ -18,7 +18,7 @@ from learner.model import Demonstration
 from learner.model.doubt import Doubt
 from learner.parameters import Parameters
 from learner.planning.draft import Draft
-from learner.regularities.doubting import doubts_about
+from learner.regularities.doubting import asked_about, doubts_about
 
 _REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
 
@@ -30,6 +30,7 @@ def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Paramete
     asked = questions(demonstrations, understood.targets, parameters.inference, understood.groups)
     users = agreement(understood, draft.without)
     doubts = doubts_about(understood, draft.actions, parameters.regularities)
+    asked += asked_about(understood, draft.actions, doubts, parameters.regularities)
     report, notes = _report(understood, asked, users), _notes(understood, doubts, asked, users)
     tree = draft.tree()
     grasps = draft.grasps if "FindGrasp" in tree.leaves else ()

@@ -15,7 +15,7 @@ import numpy as np
 from learner.inference.clustering import Cluster, clusters_in_frame
 from learner.inference.contexts import by_time
 from learner.inference.dbscan import dbscan
-from learner.inference.frames import belong_together, dropped, intended, richer_frames
+from learner.inference.frames import belong_together, dropped, frames_of, intended, richer_frames
 from learner.inference.moves import LeftOut, Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target, in_frame, target_of
@@ -98,7 +98,8 @@ def find_richer(numbers: Rows, moves: Moves, parameters: InferenceParameters) ->
 
 def find_fleeting(numbers: Rows, moves: Moves, parameters: InferenceParameters) -> list[Target]:
     """The places to which one object's moves `numbers` bring it though it does not stay there."""
-    return _found(numbers, moves, parameters, lasting=False)
+    found = _found(numbers, moves, parameters, lasting=False)
+    return [target for target in found if target.frame not in frames_of(target.members, moves, parameters)]
 
 
 def _found(

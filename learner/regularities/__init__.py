@@ -1,6 +1,6 @@
-"""What the demonstrations have in common and the tree does not reproduce: doubts (CONTRACT, section 3).
+"""What the demonstrations have in common and the tree does not reproduce: doubts (CONTRACT, section 3), and questions.
 
-places (where to, that no frame tells), precision (places too near to tell apart), visits (places on the way), returns
- (put back where it stood),
- choices (several goals), doubting (all of them). Each looks at what was understood and calls none of the others.
+places (where to, that no frame tells), precision (places too near to tell apart), turns (orientations), kinds (equal
+parts), choices (several goals), visits (places on the way), returns (put back where it stood), exceptions (what a few
+do), doubting (all of them). Each looks at what was understood and calls none of the others.
 """

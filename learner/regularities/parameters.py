@@ -13,6 +13,10 @@ class RegularityParameters:
     """More than this share of the demonstrations is no exception: one of three may have gone wrong."""
     most: float = 2 / 3
     """More than this share of the demonstrations does something as a rule: of three all, since two may err alike."""
+    half: float = 1 / 2
+    """More than this share visits a place on the way: a correction is what a minority does."""
+    asked: float = 0.25
+    """From this share on it is asked whether an exception was a mistake: it may be another case."""
     least: int = 2
     """One demonstration has nothing in common with itself."""
     likely: float = 0.8

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -37,6 +37,11 @@ def doubt(understood: Understanding, numbers: Iterable[int], name: str | None, w
     """A doubt about some of the demonstrations, by their numbers."""
     ids = tuple(understood.demonstrations[number].demonstration_id for number in sorted(set(numbers)))
     return Doubt(ids, name, what, sentence)
+
+
+def listed(names: Sequence[str]) -> str:
+    """`A`, `A and B`, `A, B and C`."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def share(count: int, of: int) -> str:

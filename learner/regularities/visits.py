@@ -40,7 +40,7 @@ def _visited(
 ) -> Iterator[Doubt]:
     shown = set(moves.demonstration[list(target.members)].tolist())
     everyone = len(understood.demonstrations)
-    if not is_regular(shown, parameters.most, understood, parameters):
+    if not is_regular(shown, parameters.half, understood, parameters):
         return
     name, where = target.object, target.upon[0] if target.upon else target.frame
     yield doubt(
