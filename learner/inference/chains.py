@@ -50,7 +50,7 @@ def chains_of(moves: Moves, targets: Sequence[Target]) -> Chains:
         target[list(each.members)] = number
     reached = np.flatnonzero(target >= 0)
     demonstrations = moves.demonstration[reached]
-    count = len(moves.samples.demonstrations)
+    count = len(moves.samples.numbers)
     lengths = np.bincount(demonstrations, minlength=count)
     table = np.full((count, int(lengths.max(initial=0))), -1)
     place = np.arange(len(reached)) - np.repeat(np.cumsum(lengths) - lengths, lengths)

@@ -78,7 +78,7 @@ def _crowded(points: Array, eps_m: float, min_samples: int) -> bool:
 
 
 def _of_few(points: Array, eps_m: float, min_samples: int) -> Rows:
-    near = np.asarray(_squares(points, points) <= eps_m**2)
+    near = _neighbours(points, eps_m)
     core = near.sum(axis=1) >= min_samples
     labels = np.full(len(points), NOISE, dtype=np.intp)
     label = 0
@@ -99,6 +99,21 @@ def _reached(first: int, near: Mask, core: Mask) -> Mask:
         inside |= np.asarray(near[ahead].any(axis=0))
         spread |= ahead
     return np.asarray(inside)
+
+
+def _neighbours(points: Array, eps_m: float) -> Mask:
+    """Which of few points (n, n) are neighbours. One product of matrices tells, but for those that rounding decides."""
+    centred = points - points.mean(axis=0)
+    lengths = np.einsum("ij,ij->i", centred, centred)
+    squares = centred @ (-2 * centred.T)
+    squares += lengths
+    squares += lengths[:, None]
+    slack = SAFE * (eps_m**2 + lengths.max())
+    near, possible = squares <= eps_m**2 - slack, squares <= eps_m**2 + slack
+    a, b = np.nonzero(near ^ possible)
+    x, y, z = (points[a] - points[b]).T
+    near[a, b] = x * x + y * y + z * z <= eps_m**2
+    return np.asarray(near)
 
 
 def _squares(points: Array, others: Array) -> Array:

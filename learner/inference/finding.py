@@ -19,7 +19,7 @@ from learner.inference.frames import belong_together, dropped, frames_of, intend
 from learner.inference.moves import LeftOut, Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.targets import Target, in_frame, target_of
-from learner.inference.ties import Anchors, anchors_of, tied_frames
+from learner.inference.ties import Anchored, anchors_of, tied_frames
 from learner.model.frame import START
 from learner.model.pose import Array
 from learner.model.poses import Rows
@@ -33,8 +33,8 @@ def find_targets(moves: Moves, parameters: InferenceParameters) -> list[Target]:
         numbers = np.flatnonzero(moves.released & (moves.object == name))
         plain = _of_object(numbers, moves, enough, parameters) or _pairs(numbers, moves, parameters)
         found += _richer_if_better(plain, numbers, moves, parameters)
-    anchors = anchors_of(moves, found)
-    return [_with_ties(target, anchors, moves, parameters) for target in found]
+    anchored = anchors_of(moves, found)
+    return [_with_ties(target, anchored, moves, parameters) for target in found]
 
 
 def _richer_if_better(
@@ -66,7 +66,7 @@ def enough_of(moves: Moves, parameters: InferenceParameters) -> Enough:
     """How many of all demonstrations, and users, must share a cluster."""
     samples = moves.samples
     users = parameters.users_for(len(np.unique(samples.users)))
-    return Enough(parameters.samples_for(len(samples.demonstrations)), users)
+    return Enough(parameters.samples_for(len(samples.numbers)), users)
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _pairs(numbers: Rows, moves: Moves, parameters: InferenceParameters) -> list
     Only where there are enough demonstrations to tell, and most of them move the object: it belongs to the task. Of
     many placements two are near by chance: what is not sure is left out.
     """
-    everyone, count = len(moves.samples.demonstrations), len(np.unique(moves.demonstration[numbers]))
+    everyone, count = len(moves.samples.numbers), len(np.unique(moves.demonstration[numbers]))
     if everyone < parameters.min_samples or 2 * count <= everyone:
         return []
     least = max(2, math.ceil(parameters.min_share * everyone))
@@ -211,12 +211,12 @@ def _contexts(
     return [target for target in found if target]
 
 
-def _with_ties(target: Target, anchors: Sequence[Anchors], moves: Moves, parameters: InferenceParameters) -> Target:
+def _with_ties(target: Target, anchored: Anchored, moves: Moves, parameters: InferenceParameters) -> Target:
     """With the frames that the task keeps rigid with the chosen one.
 
     Of those, what the object rests upon is chosen: there it is to lie whatever becomes of the rest.
     """
-    tied = tied_frames(target, anchors)
+    tied = tied_frames(target, anchored)
     frame = target.upon[0] if target.upon else target.frame
     if frame not in tied or target.frames[frame] < parameters.likely:
         return replace(target, tied=tied)

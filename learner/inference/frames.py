@@ -13,7 +13,7 @@ many demonstrations of what no frame explains make the learner surer that none d
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Final
 
@@ -22,11 +22,10 @@ import numpy as np
 from learner.inference.moves import Moves
 from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Samples
-from learner.inference.support import scene_of_first, support_of
+from learner.inference.support import scene_of_first, stayed, support_of
 from learner.model.frame import at_start, between, on_axes
 from learner.model.names import NONE
-from learner.model.pose import Array, express
-from learner.model.poses import Mask, Poses, Rows
+from learner.model.pose import Array
 
 NO_FRAME: Final = NONE
 """Stands for no frame at all; no object may be called so."""
@@ -155,39 +154,14 @@ def _gap_m(frame: str, samples: Samples, cube_m: float) -> float:
     scene = scene_of_first(samples)
     shape = scene.objects.get(frame) if scene else None
     half = np.maximum(np.array(shape.size_m) - cube_m, 0.0) / 2 if shape else np.zeros(3)
-    rests = np.abs(samples.rest(frame).positions)
-    return float(np.median(np.linalg.norm(np.maximum(rests - half, 0.0), axis=1)))
+
+    def gaps_m() -> Array:
+        rests = np.abs(samples.columns.rest(frame).positions)
+        return np.asarray(np.linalg.norm(np.maximum(rests - half, 0.0), axis=1))
+
+    return float(np.median(samples.columns.once(("gap", frame, *half.tolist()), gaps_m)[samples.rows]))
 
 
 def _lasts(frame: str, samples: Samples, lost_m: float) -> bool:
     """Whether the object kept its place in the frame in most demonstrations until it was moved again."""
-    return bool(2 * _kept(frame, samples, lost_m).sum() > len(samples))
-
-
-def _kept(frame: str, samples: Samples, lost_m: float) -> Mask:
-    """Which objects (m,) stayed within `lost_m` of where they rested in the frame, as far as that was seen."""
-    rests, kept = samples.rest(frame).positions, np.ones(len(samples), dtype=np.bool_)
-    for which, objects, origins in _worlds_after(frame, samples):
-        at = objects.positions
-        if frame != samples.base:
-            at = express(at, origins.positions, origins.quaternions_xyzw)
-        away = np.linalg.norm(at - rests[which], axis=1)
-        kept[which] &= ~(away > lost_m)
-    return kept
-
-
-def _worlds_after(frame: str, samples: Samples) -> Iterator[tuple[Rows, Poses, Poses]]:
-    """Where the object and the frame were seen at each later press up to the next one on the object, and at the end
-    if there is none: which samples (k,), and both poses (k,) in the base. An unknown pose is NaN.
-    """
-    columns, rows, name = samples.columns, samples.rows, str(samples.object[0])
-    left, ahead = np.arange(len(samples)), 1
-    while len(left):
-        later = rows[left] + ahead
-        inside = later < len(columns.step)
-        inside[inside] = columns.demonstration[later[inside]] == columns.demonstration[rows[left[inside]]]
-        ended, going, presses = left[~inside], left[inside], later[inside]
-        demonstrations = samples.demonstration[ended]
-        yield ended, samples.final(name)[demonstrations], samples.final(frame)[demonstrations]
-        yield going, columns.origin(name)[presses], columns.origin(frame)[presses]
-        left, ahead = going[columns.object[presses] != name], ahead + 1
+    return bool(2 * stayed(frame, samples, lost_m).sum() > len(samples))

@@ -105,7 +105,8 @@ def groups_of(samples: Samples, chains: Chains, held: Names, parameters: Inferen
     found = []
     for goal in distinct:
         inside = np.array([other <= goal for other in goals], dtype=np.bool_)[of]
-        missing = [tuple(sorted(target.object for target in goal - goals[number])) for number in of[inside]]
+        lacking = [tuple(sorted(target.object for target in goal - other)) for other in goals]
+        missing = [lacking[number] for number in of[inside].tolist()]
         found.append(_group(goal, pursued[inside], missing, chains, held, samples))
     return _shared(sorted(found, key=lambda g: (-len(g.demonstrations), g.demonstrations)), samples, parameters)
 
@@ -146,7 +147,7 @@ def _holds_at_end(target: Target, samples: Samples, radius_m: float) -> Mask:
 
 def _shared(groups: list[Group], samples: Samples, parameters: InferenceParameters) -> list[Group]:
     """The groups that enough demonstrations and users share, with a note on the others; all where none is."""
-    everyone, count = len(np.unique(samples.users)), len(samples.demonstrations)
+    everyone, count = len(np.unique(samples.users)), len(samples.numbers)
 
     def enough(group: Group) -> bool:
         users = np.unique(samples.users[list(group.demonstrations)])

@@ -103,12 +103,15 @@ def moves_of(samples: Samples, parameters: InferenceParameters) -> tuple[Moves, 
     moved_m = _displacements_m(pairs)
     everything = Moves(samples, pairs.pick, pairs.release, moved_m < parameters.put_back_m)
     left_alone = moved_m < parameters.left_alone_m
-    kept: list[int] = []
+    kept = np.ones(len(everything), dtype=np.bool_)
     left_out: dict[int, str] = {}
-    for one in _by_demonstration(everything):
-        kept += _cleaned(one, everything, left_alone, left_out)
+    for numbers in _repeating(everything):
+        kept[numbers] = False
+        kept[_cleaned(numbers, everything, left_alone, left_out)] = True
     others = sorted(left_out)
-    return everything.select(kept), LeftOut(everything.select(others), tuple(left_out[n] for n in others))
+    return everything.select(np.flatnonzero(kept)), LeftOut(
+        everything.select(others), tuple(left_out[n] for n in others)
+    )
 
 
 def _pairs(samples: Samples) -> Moves:
@@ -128,17 +131,19 @@ def _displacements_m(pairs: Moves) -> Array:
     return np.where(pairs.released & samples.rest_known[pairs.release], moved_m, np.inf)
 
 
-def _by_demonstration(moves: Moves) -> Iterator[list[int]]:
-    """The numbers of the moves of each demonstration."""
-    begins = np.flatnonzero(np.diff(moves.demonstration, prepend=-1))
-    return (numbers.tolist() for numbers in np.split(np.arange(len(moves)), begins[1:]) if len(numbers))
+def _repeating(moves: Moves) -> Iterator[list[int]]:
+    """The numbers of the moves of each demonstration that moves an object more than once."""
+    names, of = np.unique(moves.object, return_inverse=True)
+    pairs, times = np.unique(moves.demonstration * len(names) + of.reshape(-1), return_counts=True)
+    some = np.unique(pairs[times > 1] // max(len(names), 1))
+    begins = np.searchsorted(moves.demonstration, some)
+    ends = np.searchsorted(moves.demonstration, some, side="right")
+    return (list(range(begin, end)) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True))
 
 
 def _cleaned(numbers: Sequence[int], moves: Moves, left_alone: Mask, left_out: dict[int, str]) -> list[int]:
     """Those moves of one demonstration that are kept; the others join `left_out` with their reasons."""
     names = moves.object[numbers].tolist()
-    if len(set(names)) == len(names):
-        return list(numbers)
     kept: list[int] = []
     for number, name in zip(numbers, names, strict=True):
         if left_alone[number] and any(moves.object[earlier] == name for earlier in kept):

@@ -7,9 +7,10 @@ again `Samples`, and costs nothing but its row numbers.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from learner.model.pose import Array
 from learner.model.poses import Mask, Poses, Rows
 
 Names = NDArray[np.str_]
+Column = TypeVar("Column")
 World = Mapping[str, Poses]
 """By object: its pose in the base, a row each; unknown where it was not seen."""
 
@@ -51,9 +53,7 @@ class Columns:
     begins: World
     finals: World
     ends: World
-    _targets: dict[str, Poses] = field(default_factory=dict)
-    _releases: dict[str, Poses] = field(default_factory=dict)
-    _rests: dict[str, Poses] = field(default_factory=dict)
+    _derived: dict[Hashable, Any] = field(default_factory=dict)
 
     @staticmethod
     def of(demonstrations: Sequence[Demonstration]) -> Columns:
@@ -104,8 +104,18 @@ class Columns:
             found = poses.where(self.object == name, found)
         return found
 
+    def once(self, key: Hashable, work: Callable[[], Column]) -> Column:
+        """A column that follows from others: worked out at the first question for all rows, whoever selects of them."""
+        if key not in self._derived:
+            self._derived[key] = work()
+        found: Column = self._derived[key]
+        return found
+
     def origin(self, frame: str) -> Poses:
         """The pose of a frame in the base at each press (n,); what an object's own frame goes by, as in CONTRACT 3."""
+        return self.once(("origin", frame), lambda: self._origin(frame))
+
+    def _origin(self, frame: str) -> Poses:
         if frame.endswith(START):
             begins = self.begins.get(objects_of(frame)[0], Poses.unknown(len(self.demonstrations)))
             return begins[self.demonstration]
@@ -113,15 +123,11 @@ class Columns:
 
     def target(self, frame: str) -> Poses:
         """The end-effector's pose in a frame at each press (n,)."""
-        if frame not in self._targets:
-            self._targets[frame] = self.origin(frame).inverse() @ self.end_effector
-        return self._targets[frame]
+        return self.once(("target", frame), lambda: self.origin(frame).inverse() @ self.end_effector)
 
     def release(self, frame: str) -> Poses:
         """The pose in a frame, at the press, of the object of each action (n,)."""
-        if frame not in self._releases:
-            self._releases[frame] = self.origin(frame).inverse() @ self.handled
-        return self._releases[frame]
+        return self.once(("release", frame), lambda: self.origin(frame).inverse() @ self.handled)
 
     @cached_property
     def rest_known(self) -> Mask:
@@ -130,9 +136,11 @@ class Columns:
 
     def rest(self, frame: str) -> Poses:
         """Where the object came to rest, in a frame (n,). For a pick, where it was."""
-        if frame not in self._rests:
-            self._rests[frame] = self._resting(frame).where(self.rest_known, self.release(frame))
-        return self._rests[frame]
+
+        def work() -> Poses:
+            return self._resting(frame).where(self.rest_known, self.release(frame))
+
+        return self.once(("rest", frame), work)
 
     def _resting(self, frame: str) -> Poses:
         """Where the object came to rest, in a frame (n,); of one that goes by several objects, as those were then."""

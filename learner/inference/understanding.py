@@ -91,6 +91,6 @@ def _fleeting(strange: Rows, moves: Moves, parameters: InferenceParameters) -> t
 
 def _held_at_end(moves: Moves) -> Names:
     """What each demonstration (k,) ends with in the gripper; "" for nothing."""
-    held = np.full(len(moves.samples.demonstrations), "", dtype=moves.object.dtype)
+    held = np.full(len(moves.samples.numbers), "", dtype=moves.object.dtype)
     held[moves.demonstration[~moves.released]] = moves.object[~moves.released]
     return held

@@ -54,12 +54,14 @@ def _ends(user: str, tried: Sequence[int], draft: Draft, stage: Stage) -> dict[s
     """By demonstration, where the user left what belongs to the task, or what they put there time and again."""
     understood = draft.understood
     names = {understood.demonstrations[number].demonstration_id for number in tried}
-    alone = understood_of(understood.samples.users == user, understood)
-    places = {**(_reached(alone, names) if alone else {}), **_reached(understood, names)}
-    moves = understood.moves
+    moves, places = understood.moves, _reached(understood, names)
+    shown = np.flatnonzero(np.isin(moves.demonstration, tried)).tolist()
+    if any(_pick(number, understood) not in places for number in shown):
+        alone = understood_of(understood.samples.users == user, understood)
+        places = {**(_reached(alone, names) if alone else {}), **places}
     ends: dict[str, dict[str, Relation]] = {}
-    for number in np.flatnonzero(np.isin(moves.demonstration, tried)):
-        step = _pick(int(number), understood)
+    for number in shown:
+        step = _pick(number, understood)
         if step in places:
             ends.setdefault(step[0], {})[str(moves.object[number])] = places[step]
     most = 2 * len(understood.targets)

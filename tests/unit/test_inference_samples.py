@@ -8,6 +8,7 @@ from support_demonstrations import BASE, ON_TOP, ORIGIN, Put, Take, scattered, s
 
 from learner.errors import NothingLearnedError
 from learner.inference.samples import Samples
+from learner.inference.support import stayed
 from learner.model import Demonstration, Pose
 
 SCRIPT = [Put("A", "box", (0.0, 0.0, 0.02), "drop", fall_m=0.08), Put("B", "C", ON_TOP), Take("A")]
@@ -79,3 +80,19 @@ def test_demonstrations_in_two_base_frames_are_refused() -> None:
     first, second, *_ = shown()
     with pytest.raises(NothingLearnedError, match="differ in their base frame: base, world"):
         Samples.of([first, replace(second, base_frame="world")])
+
+
+def test_whether_an_object_stayed_does_not_depend_on_which_others_are_looked_at() -> None:
+    box, tray = (Put("A", name, (0.0, 0.0, 0.02), "drop", fall_m=0.08) for name in ("box", "C"))
+    starts = [scattered(["A", "C", "box"], np.random.default_rng(3 + number)) for number in range(4)]
+    scripts = [[box], [box, tray], [box, Put("box", BASE, (0.5, 0.0, 0.0))], [tray, box]]
+    demonstrations = [
+        scripted(start, script, f"d{number}")
+        for number, (start, script) in enumerate(zip(starts, scripts, strict=True))
+    ]
+    samples = Samples.of(demonstrations)
+    releases = samples[(samples.object == "A") & (samples.type == "drop")]
+    everywhere = stayed("box", releases, 0.04).tolist()
+    assert everywhere == [True, True, True, False, True, True]  # where the box is carried away, A stays behind
+    for row in range(len(releases)):
+        assert stayed("box", releases[row : row + 1], 0.04).tolist() == everywhere[row : row + 1]
