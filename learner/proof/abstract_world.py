@@ -215,21 +215,23 @@ class AbstractWorld:
                 offsets[:, a, number] = (*location.position, on_object, on_movable)
         return frames, offsets
 
+    @cached_property
+    def _chained(self) -> Bools:
+        """For each object and location whether it is in the frame of an object that may itself be in another's."""
+        frames, _ = self._steps
+        elsewhere = frames != np.arange(len(self.objects))[:, None]
+        placed = np.append(elsewhere.any(axis=1), np.zeros(len(self.frames) - len(self.objects), dtype=np.bool_))
+        return np.asarray(elsewhere & placed[frames])
+
     # -- states ----------------------------------------------------------------------------------------------------
 
     def layout(self, states: States) -> Layout:
         """How things lie in states without a circle of frames: chains are followed twice as far in each turn."""
-        frames, steps = self._steps
-        m, n, rows = len(self.objects), len(states), len(self.frames)
-        roots = np.repeat(np.arange(rows, dtype=np.int32)[:, None], n, axis=1)
-        offsets = np.zeros((5, rows, n), dtype=np.float32)
-        for a in range(m):
-            roots[a] = frames[a][states.locations[a]]
-            offsets[:, a] = steps[:, a][:, states.locations[a]]
-        flat_roots, flat_offsets = roots.reshape(-1), offsets.reshape(5, -1)
-        pending = np.flatnonzero((roots[:m] != np.arange(m)[:, None]) & (roots[:m] < m))
+        roots, offsets, chained = self._first_steps(states)
+        count, flat_roots, flat_offsets = np.intp(len(states)), roots.reshape(-1), offsets.reshape(5, -1)
+        pending = np.flatnonzero(chained)
         while len(pending):
-            ends = flat_roots[pending] * np.intp(n) + pending % n
+            ends = flat_roots[pending] * count + pending % count
             onward = flat_roots[ends]
             goes_on = onward != flat_roots[pending]
             pending, ends = pending[goes_on], ends[goes_on]
@@ -237,6 +239,19 @@ class AbstractWorld:
                 row[pending] += row[ends]
             flat_roots[pending] = onward[goes_on]
         return Layout(roots, offsets)
+
+    def _first_steps(self, states: States) -> tuple[NDArray[np.int32], Floats, Bools]:
+        """The frame that each object lies in, the offset from there, and whether that frame may lie in another's."""
+        (frames, steps), rows = self._steps, len(self.frames)
+        roots = np.repeat(np.arange(rows, dtype=np.int32)[:, None], len(states), axis=1)
+        offsets = np.zeros((5, rows, len(states)), dtype=np.float32)
+        chained = np.zeros((len(self.objects), len(states)), dtype=np.bool_)
+        for a, locations in enumerate(states.locations.astype(np.intp)):
+            np.take(frames[a], locations, out=roots[a], mode="clip")  # without a copy of what it writes to
+            np.take(self._chained[a], locations, out=chained[a], mode="clip")
+            for offset, step in zip(offsets, steps, strict=True):
+                np.take(step[a], locations, out=offset[a], mode="clip")
+        return roots, offsets, chained
 
     def states(self, rng: np.random.Generator) -> tuple[States, bool]:
         """All states that can be, sorted, and True; or, if there are too many (`parameters`), some of them at random.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from learner.model import Node, SetGripper, Tree
 from learner.model.tree import Value, is_reference
 from learner.model.vocabulary import CONDITIONS, FALLBACKS, LEAVES, QUERIES, SEQUENCES, outputs_of
-from learner.proof.abstract_world import FIRST_LOCATION, NOBODY, AbstractWorld, Bools, Ints, Location, States
+from learner.proof.abstract_world import FIRST_LOCATION, NOBODY, AbstractWorld, Bools, Ints, Layout, Location, States
 from learner.proof.parameters import ProofParameters
 from learner.relations.things import NO_THINGS, Things
 
@@ -92,12 +92,14 @@ class Ticks:
 
     `unready` is an action that was begun although the hand was not as it must be, NOTHING if there is none. `worked`
     tells of each leaf in the tree whether it is an action that succeeded in any state, `failed` a state in which it
-    was begun and failed.
+    was begun and failed. The `layout` of the states is worked out unless it is given.
     """
 
-    def __init__(self, world: AbstractWorld, states: States, program: Program) -> None:
+    def __init__(
+        self, world: AbstractWorld, states: States, program: Program, layout: Layout | None = None
+    ) -> None:  # fmt: skip
         self.world, self.states, self.program = world, states, program
-        self.layout = world.layout(states)
+        self.layout = layout or world.layout(states)
         self.action = np.full(len(states), NOTHING, dtype=np.intp)
         self.unready = np.full(len(states), NOTHING, dtype=np.intp)
         self.worked = np.zeros(len(program.places), dtype=bool)
@@ -338,7 +340,8 @@ class _Exploration:
         """Where the tree ends before the task is done, or, if that is asked for, goes on though it is."""
         if self.task is None:
             return None
-        done, ends = Ticks(self.world, ticks.states, self.task).status == SUCCESS, ticks.status == SUCCESS
+        done = Ticks(self.world, ticks.states, self.task, ticks.layout).status == SUCCESS
+        ends = ticks.status == SUCCESS
         early, late = np.flatnonzero(ends & ~done), np.flatnonzero(~ends & done & self.at_once)
         if len(early):
             return self._in_words(ticks.states, early[0], "it ends before the task is done")
