@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final, Literal
 
 from learner.errors import LearnerError
@@ -81,6 +81,18 @@ class Bodies:
         """Whether an object is in motion."""
         linear, angular = self._engine.getBaseVelocity(self._ids[name])
         return math.hypot(*linear) > STILL_M_PER_S or math.hypot(*angular) > STILL_RAD_PER_S
+
+    def sleep(self, names: Iterable[str]) -> None:
+        """Let objects that lie still cost nothing: they stay where they are until something that moves touches them."""
+        asleep = self._engine.ACTIVATION_STATE_SLEEP | self._engine.ACTIVATION_STATE_ENABLE_SLEEPING
+        for name in names:
+            self._engine.changeDynamics(self._ids[name], -1, activationState=asleep)
+
+    def wake(self) -> None:
+        """Let no object sleep."""
+        awake = self._engine.ACTIVATION_STATE_WAKE_UP | self._engine.ACTIVATION_STATE_DISABLE_SLEEPING
+        for body in self._ids.values():
+            self._engine.changeDynamics(body, -1, activationState=awake)
 
     def content(self, name: str) -> list[str]:
         """What lies within or upon an object that is wider than a cube. Raises UnknownObjectError."""

@@ -33,7 +33,7 @@ class World:
     which its bodies begin, drawn at random if not given. `rng` decides the start and the camera's noise; its estimates
     average so many `looks`. Nothing moves but by `step`; `activity`, a generator, is resumed once before each step and
     moves the arm. With `glides`, the arm moves without physics while nothing else moves and nothing is near the hand,
-    GLIDE_STEPS at once: the same poses and the same contacts, a few times faster.
+    GLIDE_STEPS at once, and what lies still sleeps: the same poses and the same contacts, a few times faster.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Whether anything on the table moves."""
+"""Whether anything on the table moves; what does not, sleeps."""
 
 from __future__ import annotations
 
@@ -24,10 +24,13 @@ class Rest:
         return self._still_steps >= STILL_STEPS
 
     def look(self, held: str | None) -> None:
-        """Look again, LOOK_STEPS after the last time."""
-        moving = any(self._bodies.moves(name) for name in self._bodies.names if name != held)
-        self._still_steps = 0 if moving else self._still_steps + LOOK_STEPS
+        """Look again, LOOK_STEPS after the last time; what comes to rest so falls asleep."""
+        rested, others = bool(self), [name for name in self._bodies.names if name != held]
+        self._still_steps = 0 if any(map(self._bodies.moves, others)) else self._still_steps + LOOK_STEPS
+        if self and not rested:
+            self._bodies.sleep(others)
 
     def end(self) -> None:
-        """Something was put, grasped or released: it may move now."""
+        """Something was put, grasped or released: it may move now, and all that it carried."""
         self._still_steps = 0
+        self._bodies.wake()
