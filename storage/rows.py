@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import groupby
+from itertools import groupby, islice
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from learner.model import DemonstratedAction, Demonstration, Pose, Scene
 from learner.model.pose import conjugate, express, multiply
+from learner.model.poses import Poses
 
 Row = dict[str, Any]
 
@@ -91,8 +92,12 @@ def read_demonstrations(demonstrations: pa.Table, actions: pa.Table) -> list[Dem
 
     Rows of ACTIONS without their demonstration, as an interrupted ingest leaves them, are passed over.
     """
-    found = _read_actions(actions, dict(_bases(demonstrations)))
-    return [_read_demonstration(row, found) for row in demonstrations.to_pylist()]
+    found, scenes = _read_actions(actions, dict(_bases(demonstrations))), demonstrations["scene"].unique().to_pylist()
+    known = {text: None if text is None else Scene.of_data(json.loads(text)) for text in scenes}
+    initial, final = (_read_named_poses(demonstrations[name]) for name in ("initial", "final"))
+    rows = demonstrations.drop_columns(["initial", "final"]).to_pylist()
+    rows = [row | {"initial": begin, "final": end} for row, begin, end in zip(rows, initial, final, strict=True)]
+    return [_read_demonstration(row, found, known) for row in rows]
 
 
 def _demonstration_row(demonstration: Demonstration, files: Sequence[str], ingested_ns: int) -> Row:
@@ -108,18 +113,21 @@ def _demonstration_row(demonstration: Demonstration, files: Sequence[str], inges
     }
 
 
-def _read_demonstration(row: Row, actions: Mapping[tuple[str, str], list[DemonstratedAction]]) -> Demonstration:
+def _read_demonstration(
+    row: Row,
+    actions: Mapping[tuple[str, str], list[DemonstratedAction]],
+    scenes: Mapping[str | None, Scene | None],
+) -> Demonstration:
     lost, scene = row.pop("messages_lost"), row.pop("scene")
     for bookkeeping in ("files", "ingested_ns", "actions"):
         row.pop(bookkeeping)
-    row["initial"], row["final"] = _read_named_poses(row["initial"]), _read_named_poses(row["final"])
     for name in ("objects", "warnings", "gaps"):
         row[name] = tuple(row[name])
     return Demonstration(
         **row,
         actions=tuple(actions.get((row["demonstration_id"], row["sha256"]), ())),
         messages_lost=None if lost is None else json.loads(lost),
-        scene=None if scene is None else Scene.of_data(json.loads(scene)),
+        scene=scenes[scene],
     )
 
 
@@ -197,16 +205,19 @@ def _read_action(rows: list[Row], base_frame: str) -> DemonstratedAction:
 def _rows(actions: pa.Table) -> list[Row]:
     """The rows with their poses read; by column, which is far quicker than by row."""
     columns: dict[str, list[Any]] = {
-        name: _poses(actions[name]) if name in POSE_COLUMNS else actions[name].to_pylist() for name in ACTIONS.names
+        name: _poses(actions[name].combine_chunks()) if name in POSE_COLUMNS else actions[name].to_pylist()
+        for name in ACTIONS.names
     }
     return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
-def _poses(column: pa.ChunkedArray) -> list[Pose | None]:
-    valid = column.is_valid().to_pylist()
-    fields = column.combine_chunks().flatten() if column.num_chunks else []
-    numbers = np.column_stack([np.asarray(field, dtype=np.float64) for field in fields]).tolist() if fields else []
-    return [Pose.of(row[:3], row[3:]) if known else None for row, known in zip(numbers, valid, strict=True)]
+def _poses(column: pa.Array) -> list[Pose | None]:
+    known = np.asarray(column.is_valid())
+    fields = column.flatten()
+    numbers = np.column_stack([np.asarray(field, dtype=np.float64) for field in fields])
+    found = np.full(len(known), None, dtype=object)
+    found[known] = Poses.from_rows(numbers[known]).each()
+    return found.tolist()
 
 
 def _pose_data(pose: Pose | None) -> Row | None:
@@ -215,17 +226,15 @@ def _pose_data(pose: Pose | None) -> Row | None:
     return dict(zip(POSE.names, (*pose.position, *pose.quaternion_xyzw), strict=True))
 
 
-def _read_pose(data: Mapping[str, float]) -> Pose:
-    x, y, z, qx, qy, qz, qw = (data[name] for name in POSE.names)
-    return Pose((x, y, z), (qx, qy, qz, qw))
-
-
 def _named_poses(poses: Mapping[str, Pose]) -> list[Row]:
     return [{"object": name, "pose": _pose_data(poses[name])} for name in sorted(poses)]
 
 
-def _read_named_poses(data: Iterable[Row]) -> dict[str, Pose]:
-    return {entry["object"]: _read_pose(entry["pose"]) for entry in data}
+def _read_named_poses(column: pa.ChunkedArray) -> list[dict[str, Pose]]:
+    lists = column.combine_chunks()
+    entries = lists.flatten()
+    named = iter(zip(entries.field("object").to_pylist(), _poses(entries.field("pose")), strict=True))
+    return [dict(islice(named, length)) for length in lists.value_lengths().to_pylist()]  # type: ignore[arg-type]  # every pose is known
 
 
 def _json(data: Any) -> str:

@@ -117,6 +117,13 @@ class Pose:
         """A pose from any sequences of three and four numbers."""
         return Pose(tuple(float(v) for v in position), tuple(float(v) for v in quaternion_xyzw))  # type: ignore[arg-type]  # lengths are checked at construction
 
+    @staticmethod
+    def unchecked(position: Vector, quaternion_xyzw: Quaternion) -> Pose:
+        """A pose of finite numbers and a unit quaternion that were checked with many others."""
+        pose = object.__new__(Pose)
+        pose.__dict__.update(position=position, quaternion_xyzw=quaternion_xyzw)
+        return pose
+
 
 def rotated(quaternion_xyzw: Quaternion, point: Vector) -> Vector:
     """As `rotate`, for one point: an array of three numbers costs more than all that is done with them."""

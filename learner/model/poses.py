@@ -65,6 +65,16 @@ class Poses:
         """One row. Raises ModelError where it is not known."""
         return Pose.of(self.positions[row], self.quaternions_xyzw[row])
 
+    def each(self) -> list[Pose]:
+        """Every row. Raises ModelError where one is not known; many times faster than row by row."""
+        good = np.isfinite(self.positions).all(axis=1) & np.isfinite(self.quaternions_xyzw).all(axis=1)
+        good &= np.linalg.norm(self.quaternions_xyzw, axis=1) > 1e-6
+        if not good.all():
+            self.pose(int(np.argmin(good)))
+        units = _normalised(self.positions, self.quaternions_xyzw)
+        rows = zip(units.positions.tolist(), units.quaternions_xyzw.tolist(), strict=True)
+        return [Pose.unchecked(tuple(position), tuple(quaternion)) for position, quaternion in rows]
+
     def where(self, mask: Mask, others: Poses) -> Poses:
         """The own rows where `mask` (n,) holds, elsewhere those of `others`."""
         positions = np.where(mask[:, None], self.positions, others.positions)

@@ -19,6 +19,7 @@ import numpy as np
 from learner.model import DemonstratedAction, Demonstration, Node, ObjectShape, Pose, Scene
 from learner.model.frame import is_composed, objects_of
 from learner.model.pose import Array, Quaternion, Vector, conjugate, multiply, rotate
+from learner.model.poses import Poses
 from learner.model.query import Site, sites_of, written_sites
 from learner.model.tree import Value, is_reference
 from learner.model.upright import Spot
@@ -327,27 +328,25 @@ class Stage:
     def _tip(self) -> Pose:
         """The point between the fingertips in the end-effector's frame: where the objects are when they are grasped."""
         picks = [action for d in self.demonstrations for action in d.actions if action.type == "pick"]
-        hands = np.array([pick.end_effector.quaternion_xyzw for pick in picks])
-        held = [(pick.end_effector.inverse() @ pick.objects[pick.object]).position for pick in picks]
-        down = -rotate(conjugate(hands), np.array([0.0, 0.0, 1.0])).mean(axis=0)
+        hands = Poses.of([pick.end_effector for pick in picks])
+        objects = Poses.of([pick.objects[pick.object] for pick in picks])
+        held = (hands.inverse() @ objects).positions
+        down = -rotate(conjugate(hands.quaternions_xyzw), np.array([0.0, 0.0, 1.0])).mean(axis=0)
         z = down / np.linalg.norm(down)
         x = np.cross(np.cross(z, _most_across(z)), z)
         x /= np.linalg.norm(x)
-        angle = self._face(picks, x, np.cross(z, x))
+        angle = self._face([pick.object for pick in picks], hands, objects, x, np.cross(z, x))
         x = math.cos(angle) * x + math.sin(angle) * np.cross(z, x)
-        return Pose.of(np.median(np.array(held), axis=0), _quaternion(np.column_stack([x, np.cross(z, x), z])))
+        return Pose.of(np.median(held, axis=0), _quaternion(np.column_stack([x, np.cross(z, x), z])))
 
-    def _face(self, picks: Sequence[DemonstratedAction], x: Array, y: Array) -> float:
+    def _face(self, names: Sequence[str], hands: Poses, objects: Poses, x: Array, y: Array) -> float:
         """The turn [rad] from x to the nearest face of what is grasped, modulo quarter turns; 0 if they tell none."""
-        angles = []
-        for pick in picks:
-            if self.bodies[pick.object].shape.symmetry != "vertical":
-                body = multiply(np.array(pick.objects[pick.object].quaternion_xyzw),
-                                conjugate(np.array(self.turns[pick.object])))  # fmt: skip
-                hand = conjugate(np.array(pick.end_effector.quaternion_xyzw))
-                side = rotate(hand, rotate(body, np.array([1.0, 0.0, 0.0])))
-                angles.append(math.atan2(float(side @ y), float(side @ x)))
-        mean = np.exp(4j * np.array(angles)).mean() if angles else 0.0
+        told = np.array([self.bodies[name].shape.symmetry != "vertical" for name in names], dtype=np.bool_)
+        turns = np.array([self.turns[name] for name in names])[told]
+        bodies = multiply(objects[told].quaternions_xyzw, conjugate(turns))
+        sides = rotate(bodies, np.array([1.0, 0.0, 0.0]))
+        sides = rotate(conjugate(hands[told].quaternions_xyzw), sides)
+        mean = np.exp(4j * np.arctan2((sides * y).sum(axis=1), (sides * x).sum(axis=1))).mean() if told.any() else 0.0
         return float(np.angle(mean)) / 4 if abs(mean) > self.numbers.least_turn else 0.0
 
     # -- starts ------------------------------------------------------------------------------------------------------

@@ -100,6 +100,7 @@ class Table:
         self.bodies = dict(bodies)
         self.spots = dict(spots)
         self.rng = rng
+        self._solids: dict[str, tuple[Spot, tuple[Block, ...]]] = {}
 
     def footprint(self, name: str, spot: Spot | None = None) -> Block:
         """The outer hull of a body, where it stands or would stand at `spot`."""
@@ -113,7 +114,11 @@ class Table:
         return [b for name, spot in self.spots.items() if name not in left_out for b in self._blocks(name, spot)]
 
     def _blocks(self, name: str, spot: Spot) -> tuple[Block, ...]:
-        return blocks(name, self.bodies[name], spot)
+        """The solids of a body at `spot`, worked out once while it stands there."""
+        known = self._solids.get(name)
+        if known is None or known[0] is not spot:
+            known = self._solids[name] = spot, blocks(name, self.bodies[name], spot)
+        return known[1]
 
     def support_m(self, name: str, spot: Spot, below_m: float = math.inf) -> float:
         """The height [m] of the highest thing under `name` at `spot` that ends `below_m` or lower; 0 is the table."""

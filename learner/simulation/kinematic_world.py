@@ -324,14 +324,14 @@ class KinematicWorld:
 
     def see(self, name: str) -> Sighting:
         """The pose that the camera gives for a frame, the same for everyone until the next step."""
-        if name == self.base_frame:
-            return (0.0, 0.0, 0.0), IDENTITY_XYZW
-        if name.endswith(START):
-            return self._see_begin(*objects_of(name))
-        if is_composed(name):
-            pose = pose_of(name, lambda each: Pose(*self.see(each)))
-            return pose.position, pose.quaternion_xyzw
         if name not in self._seen:
+            if name == self.base_frame:
+                return (0.0, 0.0, 0.0), IDENTITY_XYZW
+            if name.endswith(START):
+                return self._see_begin(*objects_of(name))
+            if is_composed(name):
+                pose = pose_of(name, lambda each: Pose(*self.see(each)))
+                return pose.position, pose.quaternion_xyzw
             if name not in self.table.spots:
                 raise LearnerError(f"there is no {name!r} in this world; there are {', '.join(self.table.spots)}")
             self._seen[name] = self._look(name, self.table.spots[name])

@@ -121,8 +121,9 @@ def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str)
     3); one of another method gets only an alias of the method's name.
     """
     tell(f"publishing {choice.task}")
-    published = store.publish(choice.task, learned.tree, facts_about(choice, learned, method))
-    reasons = reasons_against(learned, doubts_about(choice, learned))
+    doubts, notes = doubts_about(choice, learned), notes_of(choice, learned)
+    published = store.publish(choice.task, learned.tree, facts_about(choice, learned, method, doubts, notes))
+    reasons = reasons_against(learned, doubts)
     if method == DEFAULT_METHOD:
         store.judge(choice.task, published.version, reasons, choice.chosen_ns)
     elif not reasons:
@@ -135,14 +136,16 @@ def publish(store: ArtifactStore, choice: Choice, learned: Learned, method: str)
         nodes=learned.tree.nodes,
         nodes_recovery=learned.tree.nodes_recovery,
         aliases=tuple(names),
-        notes=notes_of(choice, learned),
-        doubts=doubts_about(choice, learned),
+        notes=notes,
+        doubts=doubts,
         doubtful=reasons,
         new=published.new,
     )
 
 
-def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]:
+def facts_about(
+    choice: Choice, learned: Learned, method: str, doubts: Sequence[Doubt], notes: Sequence[str]
+) -> dict[str, Any]:  # fmt: skip
     """What the manifest says beside what follows from the tree: whence it comes, and what is not known."""
     first, scene = choice.demonstrations[0], scene_of(choice.demonstrations)
     return {
@@ -168,8 +171,8 @@ def facts_about(choice: Choice, learned: Learned, method: str) -> dict[str, Any]
         "grasps": [grasp.to_data() for grasp in learned.grasps],
         "certificate": learned.certificate,
         "report": learned.report,
-        "notes": list(notes_of(choice, learned)),
-        "doubts": [doubt.to_data() for doubt in doubts_about(choice, learned)],
+        "notes": list(notes),
+        "doubts": [doubt.to_data() for doubt in doubts],
     }
 
 

@@ -39,3 +39,17 @@ def test_rows_are_selected_and_joined() -> None:
     assert [table[[2, 0]].pose(row) for row in range(2)] == [poses[2], poses[0]]
     mixed = table.where(np.array([True, False, True, False]), Poses.identity(4))
     assert mixed.positions[:, 0].tolist() == [0, 0, 2, 0]
+
+
+def test_every_row_at_once_is_the_pose_that_it_is_alone() -> None:
+    rng = np.random.default_rng(4)
+    poses = Poses(rng.normal(size=(50, 3)), rng.normal(size=(50, 4)))
+    assert poses.each() == [poses.pose(row) for row in range(50)]
+
+
+def test_a_row_that_is_not_known_is_refused_among_many_as_it_is_alone() -> None:
+    poses = Poses.joined([Poses.identity(2), Poses.unknown(1)])
+    with pytest.raises(ModelError, match="finite numbers"):
+        poses.each()
+    with pytest.raises(ModelError, match="no direction"):
+        Poses(np.zeros((1, 3)), np.zeros((1, 4))).each()
