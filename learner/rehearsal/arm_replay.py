@@ -21,6 +21,7 @@ from learner.rehearsal.rehearsal import Actor, RolloutResult, judged
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.stage import Stage, Start
 from learner.relations.grasping import Grasp
+from learner.simulation.arena import Aftermath
 
 STEPS_PER_ACTION: Final = 45
 """An action takes the arm about this many periods."""
@@ -97,7 +98,7 @@ def _run(tree: Tree, stage: Stage, number: int, goals: Sequence[Goal], grasps: S
     ) as world:  # fmt: skip
         ticker = actor.enter(world)
         judgement = judged(rollout, world, ticker, goals, rng, stage.parameters.judging, STEPS_PER_ACTION)
-        return RolloutResult(rollout, judgement, world)
+        return RolloutResult(rollout, judgement, Aftermath.of(world))
 
 
 def _arm_is_at_fault(result: RolloutResult) -> bool:

@@ -13,7 +13,7 @@ from learner.model.condition import DROP_RADIUS_M, PLACE_RADIUS_M, ObjectPosedAt
 from learner.model.turning import turned_rad
 from learner.model.upright import Spot
 from learner.rehearsal.stage import Stage
-from learner.simulation.arena import Arena
+from learner.simulation.arena import Arena, Truth
 from learner.simulation.gravity import Table
 
 Relation = ObjectAt | ObjectRoughlyAt
@@ -91,7 +91,7 @@ def on_stage(relation: Relation, stage: Stage) -> Relation:
     return replace(there, orientation=orientation, angle=there.angle + stage.parameters.judging.slack_rad)
 
 
-def holds(relation: Relation, world: Arena) -> bool:
+def holds(relation: Relation, world: Truth) -> bool:
     """Whether a relation holds, by the truth."""
     at = world.spot(relation.frame).relative(world.spot(relation.object))
     x, y, z = relation.position

@@ -27,7 +27,7 @@ from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
 from learner.relations.grasping import Grasp
 from learner.relations.knowledge import UNKNOWING, Knowledge
-from learner.simulation.arena import Arena
+from learner.simulation.arena import Aftermath, Arena
 from learner.simulation.failure import Failure
 from learner.simulation.kinematic_world import PERIOD_S
 
@@ -41,7 +41,7 @@ class RolloutResult:
 
     rollout: Rollout
     judgement: Judgement
-    world: Arena
+    world: Aftermath
 
     @property
     def done(self) -> bool:
@@ -142,7 +142,7 @@ def perform(rollout: Rollout, actor: Actor, stage: Stage, goals: Sequence[Goal],
     rng = np.random.default_rng([1, number])
     world = stage.world(rollout.spots, rng, knowledge=actor.knowledge)
     judgement = judged(rollout, world, actor.enter(world), goals, rng, stage.parameters.judging)
-    return RolloutResult(rollout, judgement, world)
+    return RolloutResult(rollout, judgement, Aftermath.of(world))
 
 
 def judged(

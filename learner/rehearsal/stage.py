@@ -102,11 +102,12 @@ class Stage:
         self.bodies = {name: self._body(name) for name in self.names}
         self.shift = self._shift()
         self.tip = self._tip()
-        self.left_out: dict[str, str] = {}
         some = spread_evenly(demonstrations, self.numbers.most_starts)
         self._landed = {shown.demonstration_id: self._landings(shown) for shown in some}
         self.unlike = unlike((one for landings in self._landed.values() for one in landings), self.numbers.agreed_m)
-        self.starts = [start for shown in some if (start := self.start(shown))]
+        reasons = {shown.demonstration_id: self._why_not(shown) for shown in some}
+        self.left_out = {name: reason for name, reason in reasons.items() if reason}
+        self.starts = [self._start(shown) for shown in some if shown.demonstration_id not in self.left_out]
 
     @cached_property
     def points(self) -> bool:
@@ -352,13 +353,17 @@ class Stage:
     # -- starts ------------------------------------------------------------------------------------------------------
 
     def start(self, demonstration: Demonstration) -> Start | None:
-        """Where a demonstration began; None if the stage does not reproduce it, for the reason that is then kept."""
-        begin = demonstration.first_seen
+        """Where a demonstration began; None if the stage does not reproduce it."""
+        return None if self._why_not(demonstration) else self._start(demonstration)
+
+    def _why_not(self, demonstration: Demonstration) -> str | None:
+        """Why the stage does not reproduce a demonstration, None if it does."""
         landings = self._landed.get(demonstration.demonstration_id) or self._landings(demonstration)
-        reason = self._tilted(begin) or next((said for one in landings if (said := self._differs(one))), None)
-        if reason:
-            self.left_out[demonstration.demonstration_id] = reason
-            return None
+        different = (reason for one in landings if (reason := self._differs(one)))
+        return self._tilted(demonstration.first_seen) or next(different, None)
+
+    def _start(self, demonstration: Demonstration) -> Start:
+        begin = demonstration.first_seen
         spots = self._spots(begin)
         table = self.world(spots, np.random.default_rng(0), NOISELESS).table
         table.settle(name for name in spots if name in begin)

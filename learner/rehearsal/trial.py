@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from learner.planning.repairs import NOTHING, Repairs
 from learner.progress import tell
 from learner.proof.prover import Certificate, prove
 from learner.rehearsal.arm_replay import Replay, replay
+from learner.rehearsal.beside import Beside
 from learner.rehearsal.goal import goals_of
 from learner.rehearsal.lessons import Candidate, Lessons, candidates
 from learner.rehearsal.rehearsal import Rehearsal, RolloutResult, rehearse
@@ -45,7 +47,8 @@ def rehearse_and_repair(learned: Learned, demonstrations: Sequence[Demonstration
     except NothingLearnedError as error:
         told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
         return certify(replace(learned, report={**learned.report, **told}), base_frame)
-    return _Trial(learned, draft, Stage(demonstrations, parameters.rehearsal)).learned()
+    with _Trial(learned, draft, Stage(demonstrations, parameters.rehearsal)) as trial:
+        return trial.learned()
 
 
 @dataclass(frozen=True)
@@ -62,17 +65,30 @@ class _Tried:
 
 
 class _Trial:
-    """The trial of one method's tree on a stage."""
+    """The trial of one method's tree on a stage. A context manager: what does not wait for the rehearsal of the first
+    tree, which is seldom repaired, is done beside.
+    """
 
     def __init__(self, learned: Learned, draft: Draft, stage: Stage) -> None:
         self.first, self.draft, self.stage = learned, draft, stage
         self.numbers = stage.parameters.lessons
         self.goals = partial(goals_of, draft.understood.groups, draft.placements)
+        self._replay = Beside(lambda: replay(learned.tree, stage, self.goals, learned.grasps))
+        self._proof = Beside(lambda: _certificate(learned, learned.tree, stage.base))
+        self._users = Beside(lambda: success_without(draft, stage) if learned.draft else {})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for work in (self._replay, self._proof, self._users):
+            work.end()
 
     def learned(self) -> Learned:
         """What is published."""
-        best = self._best()
-        users = success_without(self.draft, self.stage) if self.first.draft else {}
+        best, users = self._best(), self._users.result
         report = {
             **self.first.report,
             "rehearsal": {**best.candidate.rehearsal.to_data(), "repairs": best.candidate.repairs.sentences()},
@@ -106,16 +122,23 @@ class _Trial:
     def _best_proven(self, found: Sequence[Candidate]) -> _Tried:
         """The best rehearsed candidate if it is proven, or if the first is not proven either; else the first."""
         first, best = found[0], found[-1]
-        certificate = _certificate(self.first, best.tree, self.stage.base)
+        certificate = self._proven(best.tree)
         if certificate.counterexample is None or best is first:
             return self._completed(best, certificate)
-        other = _certificate(self.first, first.tree, self.stage.base)
+        other = self._proven(first.tree)
         one_proven = other.counterexample is None
         return self._completed(first, other) if one_proven else self._completed(best, certificate)
 
     def _completed(self, candidate: Candidate, certificate: Certificate | None = None) -> _Tried:
-        certificate = certificate or _certificate(self.first, candidate.tree, self.stage.base)
-        return _Tried(candidate, certificate, replay(candidate.tree, self.stage, self.goals, self.first.grasps))
+        return _Tried(candidate, certificate or self._proven(candidate.tree), self._replayed(candidate.tree))
+
+    def _proven(self, tree: Tree) -> Certificate:
+        return self._proof.result if tree is self.first.tree else _certificate(self.first, tree, self.stage.base)
+
+    def _replayed(self, tree: Tree) -> Replay:
+        return (
+            self._replay.result if tree is self.first.tree else replay(tree, self.stage, self.goals, self.first.grasps)
+        )
 
     def _made(self, repairs: Repairs) -> Tree:
         return self.draft.tree(repairs)

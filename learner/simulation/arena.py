@@ -6,22 +6,20 @@ Two worlds do: `learner.simulation.kinematic_world.KinematicWorld` (no dynamics,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from learner.execution.ticking import Leaves
+from learner.model.frame import at_start
 from learner.model.pose import Vector
-from learner.model.upright import Spot
+from learner.model.upright import Spot, spot_of
 from learner.simulation.gravity import Body, Table
 from learner.simulation.kinematic_world import Attempt, Faults
 
 
-class Arena(Leaves, Protocol):
-    """A world that is ticked (`Leaves`), lives by `step`, and tells the truth. Lengths [m].
-
-    `lay`, `carry` and `take_away` are a human's hands; `remember` and `recall` take back what they did, as long as
-    the world was not stepped in between.
-    """
+class Truth(Protocol):
+    """Where everything really is. Lengths [m]."""
 
     @property
     def bodies(self) -> Mapping[str, Body]:
@@ -29,13 +27,52 @@ class Arena(Leaves, Protocol):
         ...
 
     @property
-    def table(self) -> Table:
-        """Where everything really stands now; to be read."""
+    def held(self) -> str | None:
+        """The object in the gripper."""
+        ...
+
+    def spot(self, name: str) -> Spot:
+        """Where an object, a frame or the base is."""
+        ...
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """The truth of a world as a run left it, and what was done there: a value, while the world itself may be gone."""
+
+    bodies: Mapping[str, Body]
+    spots: Mapping[str, Spot]
+    held: str | None
+    attempts: Sequence[Attempt]
+    faults: Faults
+
+    @staticmethod
+    def of(world: Arena) -> Aftermath:
+        """How a world is now."""
+        begun = map(at_start, world.bodies)
+        spots = {name: world.spot(name) for name in (*world.bodies, *begun, world.base_frame)}
+        return Aftermath(world.bodies, spots, world.held, tuple(world.attempts), world.faults)
+
+    def spot(self, name: str) -> Spot:
+        """Where an object, a frame or the base was."""
+        return self.spots.get(name) or spot_of(name, self.spots)
+
+
+class Arena(Leaves, Truth, Protocol):
+    """A world that is ticked (`Leaves`), lives by `step`, and tells the truth. Lengths [m].
+
+    `lay`, `carry` and `take_away` are a human's hands; `remember` and `recall` take back what they did, as long as
+    the world was not stepped in between.
+    """
+
+    @property
+    def base_frame(self) -> str:
+        """The name of the base."""
         ...
 
     @property
-    def held(self) -> str | None:
-        """The object in the gripper, by the truth."""
+    def table(self) -> Table:
+        """Where everything really stands now; to be read."""
         ...
 
     @property
@@ -51,10 +88,6 @@ class Arena(Leaves, Protocol):
     @property
     def steps(self) -> int:
         """How many periods of 0.1 s have passed."""
-        ...
-
-    def spot(self, name: str) -> Spot:
-        """Where an object or the base frame really is."""
         ...
 
     def step(self) -> None:

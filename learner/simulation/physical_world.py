@@ -29,6 +29,7 @@ from learner.execution.perception import CellState, Checked, condition_of, query
 from learner.execution.ticking import Status
 from learner.model import Motion, Node, Pose
 from learner.model.condition import GripperState
+from learner.model.frame import START
 from learner.model.holding import Sizes
 from learner.model.names import NONE
 from learner.model.pose import Vector
@@ -88,6 +89,7 @@ class PhysicalWorld:
         knowledge: Knowledge = UNKNOWING,
     ) -> None:
         self.bodies, self.base_frame, self.behavior = dict(bodies), base_frame, behavior or Behavior()
+        self._began = dict(spots)
         self.attempts: list[Attempt] = []
         self.faults = Faults()
         self.steps = 0
@@ -118,6 +120,8 @@ class PhysicalWorld:
         """Where an object, a frame or the base really is."""
         if name == self.base_frame:
             return Spot(0.0, 0.0, 0.0, 0.0)
+        if name.endswith(START):
+            return self._began[name.removesuffix(START)]
         return self.table.spots.get(name) or spot_of(name, self.table.spots)
 
     @property

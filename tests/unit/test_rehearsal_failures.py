@@ -15,6 +15,7 @@ from learner.rehearsal.lessons import Lessons
 from learner.rehearsal.rehearsal import RolloutResult
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.share import Share
+from learner.simulation.arena import Aftermath
 from learner.simulation.failure import Failure
 from learner.simulation.gravity import Body
 from learner.simulation.kinematic_world import Attempt, KinematicWorld
@@ -28,7 +29,7 @@ def result(*failures: Failure | None) -> RolloutResult:
     spots = {name: Spot(0.4, 0.1 * number, 0.025, 0.0) for number, name in enumerate(bodies)}
     world = KinematicWorld(bodies, spots, np.random.default_rng(0))
     world.attempts += [Attempt("Place", "A", "B", step, failure, ended=True) for step, failure in enumerate(failures)]
-    return RolloutResult(Rollout("d1", spots), "no progress", world)
+    return RolloutResult(Rollout("d1", spots), "no progress", Aftermath.of(world))
 
 
 def test_six_equal_failures_under_noise_count_as_six() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,13 +15,14 @@ from support_demonstrations import Put, at, repeated, scripted
 from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, ObjectShape, Scene
-from learner.rehearsal import trial
+from learner.rehearsal import beside, trial
 from learner.rehearsal.arm_replay import Replay, replay
 from learner.rehearsal.goal import goals_of
 from learner.rehearsal.rehearsal import Judgement, RolloutResult
 from learner.rehearsal.rollouts import Rollout
 from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
+from learner.simulation.arena import Aftermath
 from learner.simulation.failure import Failure
 from learner.simulation.kinematic_world import Attempt, Faults
 from pipelines.steps.gate import untried
@@ -38,19 +39,11 @@ def learned() -> Learned:
     return learn(demonstrations())
 
 
-@dataclass(frozen=True)
-class Left:
-    """What a world tells of a run that is over."""
-
-    attempts: tuple[Attempt, ...]
-    faults: Faults
-
-
 def run(judgement: Judgement, *failures: tuple[str, Failure]) -> RolloutResult:
     attempts = tuple(
         Attempt(kind, "A", "box", step, failure, ended=True) for step, (kind, failure) in enumerate(failures)
     )
-    return RolloutResult(Rollout("d1", {}, "replay"), judgement, Left(attempts, Faults()))  # type: ignore[arg-type]  # all that is asked of a world here
+    return RolloutResult(Rollout("d1", {}, "replay"), judgement, Aftermath({}, {}, None, attempts, Faults()))
 
 
 MISSED = ("Pick", Failure("missed", "A"))
@@ -121,6 +114,15 @@ def test_one_replay_that_is_done_suffices(monkeypatch: pytest.MonkeyPatch) -> No
     result = tried(monkeypatch, Replay((FAILED, DONE)))
     assert result.certificate["counterexample"] is None
     assert f"replay: {FAILED}" in result.notes
+
+
+def test_what_is_tried_beside_comes_to_the_same_as_what_is_tried_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "_may_copy", lambda: True)
+    there = trial.rehearse_and_repair(learned(), demonstrations())
+    monkeypatch.setattr(beside, "_may_copy", lambda: False)
+    here = trial.rehearse_and_repair(learned(), demonstrations())
+    assert there.tree == here.tree
+    assert (there.report, there.notes, there.certificate) == (here.report, here.notes, here.certificate)
 
 
 def test_of_two_trees_the_proven_one_is_better_then_the_one_that_replays_then_the_one_that_rehearses() -> None:
