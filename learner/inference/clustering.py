@@ -31,10 +31,13 @@ def score(points: Array, floor_m: float = 0.0) -> float:
 
     `floor_m` is added to the distance; without it, points that all coincide score +inf.
     """
-    if len(points) <= 1:
+    return _score(len(points), greatest_distance(points) + floor_m)
+
+
+def _score(count: int, radius_m: float) -> float:
+    if count <= 1:
         return -np.inf
-    radius = greatest_distance(points) + floor_m
-    return len(points) / radius if radius > 0 else np.inf
+    return count / radius_m if radius_m > 0 else np.inf
 
 
 def greatest_distance(points: Array) -> float:
@@ -56,5 +59,5 @@ def clusters_in_frame(
 def of_members(frame: str, samples: NDArray[np.intp], points: Array, floor_m: float = 0.0) -> Cluster:
     """The cluster of these samples at these `points` (n, 3)."""
     mean = tuple(points.mean(axis=0).tolist())
-    members = tuple(int(sample) for sample in samples)
-    return Cluster(frame, members, mean, greatest_distance(points), score(points, floor_m))
+    radius = greatest_distance(points)
+    return Cluster(frame, tuple(samples.tolist()), mean, radius, _score(len(points), radius + floor_m))

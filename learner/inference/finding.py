@@ -44,7 +44,7 @@ def _richer_if_better(
     moves than its targets in plain frames, which leave more than a few unexplained or are but pairs.
     """
     meant = numbers[~moves.put_back[numbers]]
-    explained = np.array(sorted(number for target in plain for number in target.members), dtype=np.intp)
+    explained = np.sort(np.array([number for target in plain for number in target.members], dtype=np.intp))
     left = np.setdiff1d(meant, explained)
     fleeting = [number for target in find_fleeting(left, moves, parameters) for number in target.members]
     left = np.setdiff1d(left, fleeting)
@@ -171,9 +171,11 @@ def _in_order(targets: Sequence[Target], moves: Moves) -> list[Target]:
 
 def _best(numbers: Rows, eps_m: float, moves: Moves, enough: Enough, parameters: InferenceParameters) -> Cluster | None:
     """The cluster with the highest score among those that enough users and demonstrations share, with its strays."""
+    if len(numbers) < enough.samples:
+        return None
     samples, floor_m = moves.releases(numbers), parameters.noise_floor_m
     best: tuple[Cluster, Rows, Array] | None = None
-    for frame in (*samples.frames, *enough.richer) if len(samples) else ():
+    for frame in (*samples.frames, *enough.richer):
         known = np.flatnonzero(samples.candidate(frame))
         points = intended(frame, samples, parameters)[known]
         labels = dbscan(points, eps_m, enough.samples)

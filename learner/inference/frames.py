@@ -26,6 +26,7 @@ from learner.inference.support import scene_of_first, stayed, support_of
 from learner.model.frame import at_start, between, on_axes
 from learner.model.names import NONE
 from learner.model.pose import Array
+from learner.model.poses import Mask
 
 NO_FRAME: Final = NONE
 """Stands for no frame at all; no object may be called so."""
@@ -76,8 +77,12 @@ def richer_frames(samples: Samples) -> list[str]:
 
 def dropped(samples: Samples, parameters: InferenceParameters) -> bool:
     """Whether most releases were drops, by their label or by the height they fell from."""
-    fell = (samples.type == "drop") | (np.nan_to_num(samples.fall_m) > parameters.drop_height_m)
-    return bool(2 * fell.sum() > len(samples))
+    columns, height_m = samples.columns, parameters.drop_height_m
+
+    def fell() -> Mask:
+        return np.asarray((columns.type == "drop") | (np.nan_to_num(columns.fall_m) > height_m))
+
+    return bool(2 * columns.once(("fell", height_m), fell)[samples.rows].sum() > len(samples))
 
 
 def intended(frame: str, samples: Samples, parameters: InferenceParameters) -> Array:
