@@ -12,7 +12,7 @@ Every table is a Delta table and grows only. Any number of processes may read an
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal, TypeVar, get_args
@@ -315,7 +315,9 @@ def _action_mark(demonstration: Demonstration) -> str:
     return f"{demonstration.demonstration_id}/{demonstration.sha256}"
 
 
-def _corrected(demonstration: Demonstration, corrections: Iterable[Row]) -> Entry:
+def _corrected(demonstration: Demonstration, corrections: Sequence[Row]) -> Entry:
+    if not corrections:
+        return Entry(demonstration, excluded=False)
     excluded = False
     meant: dict[int, ActionType | None] = {}
     for row in corrections:

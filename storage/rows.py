@@ -9,7 +9,7 @@ null if it may not. Lengths [m], quaternions xyzw, stamps [ns].
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from itertools import groupby, islice
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from learner.model import DemonstratedAction, Demonstration, Pose, Scene
 from learner.model.pose import conjugate, express, multiply
-from learner.model.poses import Poses
+from learner.model.poses import Mask, Poses
 
 Row = dict[str, Any]
 
@@ -70,7 +70,8 @@ ACTIONS: Final = pa.schema(
     ]
 )
 ACTION_ORDER: Final = ("type", "object", "frame", "demonstration_id", "step")
-POSE_COLUMNS: Final = ("frame_in_base", "end_effector_in_frame", "rest_in_frame")
+END_EFFECTOR: Final = "end_effector_in_frame"
+POSE_COLUMNS: Final = ("frame_in_base", END_EFFECTOR, "rest_in_frame")
 
 
 def demonstration_rows(
@@ -173,7 +174,7 @@ def _bases(demonstrations: pa.Table) -> Iterable[tuple[tuple[str, str], str]]:
 def _read_actions(
     actions: pa.Table, bases: Mapping[tuple[str, str], str]
 ) -> dict[tuple[str, str], list[DemonstratedAction]]:
-    rows = _rows(actions)
+    rows = _rows(actions, set(bases.values()))
     rows.sort(key=lambda row: (row["demonstration_id"], row["sha256"], row["step"], row["frame"]))
     found: dict[tuple[str, str], list[DemonstratedAction]] = {}
     for (name, digest, _), frames in groupby(rows, lambda row: (row["demonstration_id"], row["sha256"], row["step"])):
@@ -191,7 +192,7 @@ def _read_action(rows: list[Row], base_frame: str) -> DemonstratedAction:
         stamp_ns=first["stamp_ns"],
         type=first["type"],
         object=first["object"],
-        end_effector=next(row["end_effector_in_frame"] for row in rows if row["frame"] == base_frame),
+        end_effector=next(row[END_EFFECTOR] for row in rows if row["frame"] == base_frame),
         objects={row["frame"]: row["frame_in_base"] for row in rows if row["frame_in_base"] is not None},
         frames=tuple(frame for _, frame in candidates),
         rest={row["frame"]: row["rest_in_frame"] for row in rows if row["rest_in_frame"] is not None}
@@ -202,17 +203,22 @@ def _read_action(rows: list[Row], base_frame: str) -> DemonstratedAction:
     )
 
 
-def _rows(actions: pa.Table) -> list[Row]:
-    """The rows with their poses read; by column, which is far quicker than by row."""
-    columns: dict[str, list[Any]] = {
-        name: _poses(actions[name].combine_chunks()) if name in POSE_COLUMNS else actions[name].to_pylist()
-        for name in ACTIONS.names
-    }
+def _rows(actions: pa.Table, bases: Set[str]) -> list[Row]:
+    """The rows with their poses read; by column, which is far quicker than by row, and no column in vain: the
+    demonstrations tell task and user, and an action keeps its end-effector in the base alone.
+    """
+    plain = [name for name in ACTIONS.names if name not in ("task", "user", *POSE_COLUMNS)]
+    columns: dict[str, list[Any]] = {name: actions[name].to_pylist() for name in plain}
+    in_base = np.array([frame in bases for frame in columns["frame"]], dtype=np.bool_)
+    columns |= {name: _poses(actions[name].combine_chunks()) for name in POSE_COLUMNS if name != END_EFFECTOR}
+    columns[END_EFFECTOR] = _poses(actions[END_EFFECTOR].combine_chunks(), in_base)
     return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
-def _poses(column: pa.Array) -> list[Pose | None]:
+def _poses(column: pa.Array, wanted: Mask | None = None) -> list[Pose | None]:
+    """The poses of a column, None where it tells none, or where it is not `wanted` (n,)."""
     known = np.asarray(column.is_valid())
+    known = known if wanted is None else known & wanted
     fields = column.flatten()
     numbers = np.column_stack([np.asarray(field, dtype=np.float64) for field in fields])
     found = np.full(len(known), None, dtype=object)
