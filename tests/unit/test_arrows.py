@@ -46,7 +46,7 @@ ORDER = {
     "recorder": (
         "paths durable",
         "errors notices",
-        "wire disk",
+        "wire disk foxglove",
         "clocks",
         "recording",
         "salvage replay imports intake upload",
