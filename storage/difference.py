@@ -7,7 +7,7 @@ goes with that of the new one for the same object which is nearest to it. What o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -137,10 +137,13 @@ def _distance_m(old: Node, new: Node) -> float:
 
 
 def _goals(places: _Matched) -> Iterator[Change]:
+    kept = {_label(node) for pair in places.pairs for node in pair}
     for node in places.new:
-        yield Change("goal", _of(node, "object"), f"{_label(node)} is a goal now", None, _label(node))
+        name = _told_apart(node, kept)
+        yield Change("goal", _of(node, "object"), f"{name} is a goal now", None, name)
     for node in places.gone:
-        yield Change("goal", _of(node, "object"), f"{_label(node)} is no goal any more", _label(node), None)
+        name = _told_apart(node, kept)
+        yield Change("goal", _of(node, "object"), f"{name} is no goal any more", name, None)
 
 
 def _others(old: Sequence[Node], new: Sequence[Node]) -> Iterator[Change]:
@@ -183,6 +186,11 @@ def _labels(releases: Sequence[Node]) -> list[str]:
     return [
         f"{name} {_at(node)}" if names.count(name) > 1 else name for name, node in zip(names, releases, strict=True)
     ]
+
+
+def _told_apart(node: Node, others: Set[str]) -> str:
+    """What a place is, with its position where another of that name is told of."""
+    return f"{_label(node)} {_at(node)}" if _label(node) in others else _label(node)
 
 
 def _at(node: Node) -> str:

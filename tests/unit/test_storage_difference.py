@@ -54,6 +54,12 @@ def test_a_goal_that_came_and_one_that_went_are_named() -> None:
     assert said == {"B at tray is a goal now", "A at box is no goal any more"}
 
 
+def test_a_second_place_of_one_object_in_one_frame_is_told_by_its_position() -> None:
+    one, two = tree(place("A", "box", 0.1)), tree(place("A", "box", 0.1), place("A", "box", 0.4))
+    assert [each.sentence for each in changes(one, two, "goal")] == ["A at box (400, 0, 0 mm) is a goal now"]
+    assert [each.sentence for each in changes(two, one, "goal")] == ["A at box (400, 0, 0 mm) is no goal any more"]
+
+
 def test_another_order_of_the_same_goals_is_told_with_both_orders() -> None:
     a, b, c = place("A", "box"), place("B", "box", 0.2), place("C", "box", 0.3)
     (change,) = differences(tree(a, b), tree(b, a))
