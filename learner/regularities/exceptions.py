@@ -33,13 +33,11 @@ def exceptions(understood: Understanding, told: Sequence[Doubt], parameters: Reg
 def questions_on(
     understood: Understanding, told: Sequence[Doubt], parameters: RegularityParameters
 ) -> list[dict[str, Any]]:
-    """A question for each object that a minority, but not a small one, puts elsewhere: an error, or another case?"""
-    least = parameters.asked * len(understood.demonstrations)
-    return [
-        _question(name, sorted(numbers), understood)
-        for name, numbers in _untold(understood, told).items()
-        if len(numbers) >= least
-    ]
+    """A question for each object that some put elsewhere, where more than a few put something so: is it an error?"""
+    found = _untold(understood, told)
+    if len(set[int]().union(*found.values())) < parameters.asked * len(understood.demonstrations):
+        return []
+    return [_question(name, sorted(numbers), understood) for name, numbers in found.items()]
 
 
 def _question(name: str, numbers: Sequence[int], understood: Understanding) -> dict[str, Any]:

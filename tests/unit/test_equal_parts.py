@@ -118,6 +118,16 @@ def test_whether_an_exception_was_a_mistake_is_asked_unless_it_is_rare(
     assert any("show it once more from a start as in d1" in sentence for sentence in sentences) == asked
 
 
+def test_rare_exceptions_of_several_objects_are_asked_about_together() -> None:
+    def made(start: Start, number: int, rng: np.random.Generator) -> Script:
+        return [Put({1: "C", 4: "B"}.get(number, "A"), "tray", (0.0, 0.0, 0.035), yaw=turned(rng))]
+
+    found = learned({**CUBES, "tray": TRAY}, made, 7)
+    sentences = " ".join(each["sentence"] for each in found.report["questions"])
+    assert "B was put elsewhere in d4" in sentences
+    assert "C was put elsewhere in d1" in sentences
+
+
 def test_an_orientation_that_most_share_and_the_tree_does_not_ask_for_is_doubted() -> None:
     def made(start: Start, number: int, rng: np.random.Generator) -> Script:
         return [Put("B", "tray", (0.0, 0.0, 0.03), yaw=turned(rng) if number % 4 == 3 else 0.7)]
