@@ -17,6 +17,7 @@ COMMANDS: Final = {
     "record": "the recorder daemon of a cell",
     "demonstrate": "the operator's buttons: start, pick, place, drop, stop, ...",
     "panel": "the page for the person at the robot: teach, understand, run",
+    "token": "who may use the panel from other machines: add, list, remove",
     "sim": "a simulated cell: poses, gripper, skills",
     "import": "YAML demonstrations of matiov/learn-BTs-from-demo, and rosbag2, become recordings",
     "ingest": "recordings to the lake",

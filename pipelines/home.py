@@ -72,6 +72,11 @@ class Home:
         return self.root / "traces"
 
     @property
+    def tokens(self) -> Path:
+        """Who may use the panel from other machines; hashes, no secrets."""
+        return self.root / "tokens.json"
+
+    @property
     def logs(self) -> Path:
         """What the processes say that `serve` and `demo` start."""
         return self.root / "logs"

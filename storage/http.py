@@ -12,6 +12,7 @@ import uvicorn
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp
 
 from learner.errors import LearnerError
 from storage.artifacts import Artifact, ArtifactStore, sha256_of
@@ -19,6 +20,7 @@ from storage.errors import DamagedError, DoubtfulError, NotStoredError, StorageE
 from storage.picture import to_svg
 
 Handler = Callable[[Request, Exception], JSONResponse]
+Extend = Callable[[FastAPI], ASGIApp]
 
 FORMATS: Final[dict[str, tuple[str, Callable[[Artifact], str]]]] = {
     "tree.xml": ("application/xml", lambda artifact: artifact.xml),
@@ -74,10 +76,18 @@ def make_app(store: ArtifactStore, others: Iterable[APIRouter] = ()) -> FastAPI:
 class StoreOnHttp:
     """Serves `store`, and what `others` answer, on `host:port` (port 0: any free one) in a thread of this context.
 
-    `url` is where. Raises StorageUnavailableError if the address cannot be used.
+    `url` is where; `extend` makes of the application one that serves more. Raises StorageUnavailableError if an address
+    cannot be used.
     """
 
-    def __init__(self, store: ArtifactStore, host: str, port: int, others: Iterable[APIRouter] = ()) -> None:
+    def __init__(
+        self,
+        store: ArtifactStore,
+        host: str,
+        port: int,
+        others: Iterable[APIRouter] = (),
+        extend: Extend | None = None,
+    ) -> None:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             self._socket = socket.create_server((host, port), family=family)
@@ -87,8 +97,12 @@ class StoreOnHttp:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.port = int(self._socket.getsockname()[1])
         self.url = f"http://[{host}]:{self.port}" if ":" in host else f"http://{host}:{self.port}"
+        app = make_app(store, others)
         config = uvicorn.Config(
-            make_app(store, others), log_level="warning", lifespan="off", timeout_graceful_shutdown=2
+            extend(app) if extend else app,
+            log_level="warning",
+            lifespan="on" if extend else "off",
+            timeout_graceful_shutdown=2,
         )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, args=([self._socket],), name="http", daemon=True)

@@ -35,10 +35,17 @@ def chromium() -> Iterator[Browser]:
 class Watched:
     """A page, open within a `with` block: what it asks for elsewhere, or what goes wrong in it, fails the test."""
 
-    def __init__(self, browser: Browser, size: tuple[int, int] = TABLET, language: str = "en-US") -> None:
+    def __init__(
+        self,
+        browser: Browser,
+        size: tuple[int, int] = TABLET,
+        language: str = "en-US",
+        context: BrowserContext | None = None,
+    ) -> None:
         # Pages of one language share what the browser has loaded and compiled already.
-        context = _CONTEXTS.get((browser, language)) or browser.new_context(locale=language)
-        _CONTEXTS[browser, language] = context
+        if context is None:
+            context = _CONTEXTS.get((browser, language)) or browser.new_context(locale=language)
+            _CONTEXTS[browser, language] = context
         self.page: Page = context.new_page()
         self.page.set_viewport_size({"width": size[0], "height": size[1]})
         self.foreign: list[str] = []

@@ -14,16 +14,20 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
+from pipelines.commands.panel import add_view_arguments, opened_desk
 from pipelines.console import Console
 from pipelines.home import TOKEN, Home
 from pipelines.network.session import add_zenoh_arguments, open_session
 from pipelines.options import PERIOD, PORT
 
 if TYPE_CHECKING:
-    from pipelines.service.serve import Settings
+    import zenoh
+
+    from pipelines.service.serve import Pages, Settings
 
 DEFAULT_HTTP: Final = "127.0.0.1:8420"
 
@@ -47,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="look for new recordings so often (default 60)",
     )
     parser.add_argument("--store-only", action="store_true", help="serve the artifact store, run no flows")
+    parser.add_argument("--cell", metavar="C", help="show the panel of this cell at `/`")
+    add_view_arguments(parser)
     add_zenoh_arguments(parser)
 
 
@@ -59,9 +65,10 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
     from pipelines.service.prefect_server import StoppedError
     from pipelines.service.serve import service
 
-    with open_session(arguments) as session:
+    home = Home.current()
+    with open_session(arguments) as session, _pages(arguments, session, home) as pages:
         try:
-            with service(Home.current(), session, _settings(arguments), stop) as up:
+            with service(home, session, _settings(arguments), stop, pages) as up:
                 console.emit({"ready": True})
                 console.emit({"stamp_ns": time.time_ns(), "event": "serving", "http": up.http, "prefect": up.prefect})
                 console.say(f"serving the artifact store on {up.http}/v1/tasks and over Zenoh")
@@ -71,6 +78,21 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
         except StoppedError:
             console.say("told to end before everything was up")
     return 0
+
+
+@contextmanager
+def _pages(arguments: argparse.Namespace, session: zenoh.Session, home: Home) -> Iterator[Pages | None]:
+    """The panel's pages, where a cell is named. Raises CommandError where a token is needed and nobody has one."""
+    if arguments.cell is None:
+        yield None
+        return
+    from pipelines.panel.access.login import needed_on
+    from pipelines.panel.access.tokens import Tokens
+    from pipelines.panel.server import with_pages
+
+    tokens = needed_on(arguments.http[0], Tokens(home.tokens))
+    with opened_desk(arguments, session, home) as desk_of:
+        yield lambda store, app: with_pages(app, desk_of(store), tokens)
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:

@@ -26,6 +26,13 @@ def add_zenoh_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--zenoh-config", metavar="FILE", help="configuration file (TREEWRIGHT_ZENOH_CONFIG)")
 
 
+def zenoh_words(arguments: argparse.Namespace) -> list[str]:
+    """The words that lead another command to the same network; what the environment says, it is told too."""
+    endpoints = arguments.connect or arguments.listen or []
+    words = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+    return words + (["--zenoh-config", arguments.zenoh_config] if arguments.zenoh_config else [])
+
+
 @contextmanager
 def open_session(
     arguments: argparse.Namespace, environment: Mapping[str, str] = os.environ, mode: str | None = None

@@ -1,8 +1,14 @@
 """The page for the person at the robot: what a cell shows, the operator's buttons, what was learned, what runs.
 
-    page      what every page has: sentences, keys, navigation     (sentences, page, keys.js)
-    teach     the buttons, their verdicts, lights, the table        (watch, steps, lights, table, teach)
-    server    who may ask, and the port                             (guard, server)
+    server      the pages on a port                                          ──▶  pages, access
+    pages       what is seen and pressed                                     ──▶  desk
+    access      who may
+    desk        what all pages share: the store, and
+                watch, steps, lights, table    the cell as it is now
+                lessons                        what comes of a demonstration
+                run_watch                      what runs
+                folding, goals                 a tree for a person
+    sentences   every sentence, in two languages
 
-Calls go from the server to the pages to the watch. NiceGUI has its only home here.
+Calls go down.
 """

@@ -9,11 +9,11 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from pipelines.errors import CommandError
+from pipelines.home import Home
 from pipelines.network.question import ask
 from pipelines.service.child import Child, ChildFailedError
 
@@ -42,12 +42,13 @@ class RunState:
 class RunWatch:
     """Hears the runs of a cell from entering to leaving its context, begins one and ends any.
 
-    `command` are the words behind `treewright run` that lead to the cell's network and store; `log` is the file of
-    what a run says on standard error. Leaving ends a run that was begun here.
+    `command` are the words behind `treewright run` that lead to the cell's network and store. Leaving ends a run that
+    was begun here.
     """
 
-    def __init__(self, session: zenoh.Session, cell: str, command: Sequence[str], log: Path) -> None:
-        self._session, self._root, self._log = session, f"treewright/{cell}/run", log
+    def __init__(self, session: zenoh.Session, cell: str, command: Sequence[str], home: Home) -> None:
+        self._session, self._root, self._log = session, f"treewright/{cell}/run", home.logs / "run.log"
+        self._environment = {**os.environ, "TREEWRIGHT_HOME": str(home.root)}
         self._command = ["--cell", cell, *command]
         self._lock = threading.Lock()
         self._told: Mapping[str, Any] = {}
@@ -89,7 +90,8 @@ class RunWatch:
             if self._child is not None:
                 raise CommandError("a run that was begun here is under way; stop it first")
             words = [sys.executable, "-m", "pipelines.cli", "run", tree, "--json", *self._command]
-            self._child = Child("run", [*words, *(["--watch"] if watch else [])], os.environ, self._log, True)
+            words += ["--watch"] if watch else []
+            self._child = Child("run", words, self._environment, self._log, speaks_json=True)
             self._sentence, self._stopped = "", False
         begun = threading.Event()
         self._thread = threading.Thread(target=self._live, args=(self._child, begun), name="panel-run", daemon=True)

@@ -15,6 +15,10 @@ SENTENCES: Final[Mapping[str, tuple[str, str]]] = {
     "understand": ("Understand", "Verstehen"),
     "run": ("Run", "Ausführen"),
     "cell": ("cell {cell}", "Zelle {cell}"),
+    # login
+    "token_wanted": ("Your token", "Ihr Schlüssel"),
+    "token_refused": ("This is no token of this panel.", "Das ist kein Schlüssel für diese Tafel."),
+    "token_enter": ("Enter", "Eintreten"),
     # teach: what is chosen
     "task": ("Task", "Aufgabe"),
     "user": ("Your name", "Ihr Name"),
@@ -176,6 +180,7 @@ SENTENCES: Final[Mapping[str, tuple[str, str]]] = {
     "unknown": ("unknown", "unbekannt"),
     "disk": ("Disk", "Platte"),
     "free": ("{gigabytes} GB free", "{gigabytes} GB frei"),
+    "store": ("Store", "Ablage"),
     "losses": ("Losses", "Verluste"),
     "lost": ("{count} messages lost", "{count} Nachrichten verloren"),
     "lost_none": ("none", "keine"),

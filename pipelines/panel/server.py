@@ -16,29 +16,33 @@ from nicegui import ui
 from starlette.requests import Request
 
 from pipelines.errors import CommandError
+from pipelines.panel.access.guard import LARGEST_BYTES, Guard
+from pipelines.panel.access.login import Login, needed_on, person_of
+from pipelines.panel.access.tokens import Tokens
 from pipelines.panel.desk import Desk
-from pipelines.panel.guard import LARGEST_BYTES, Guard
-from pipelines.panel.page import PAGES, voice_of
-from pipelines.panel.running import RunPage
-from pipelines.panel.teach import TeachPage
-from pipelines.panel.understand import UnderstandPage
+from pipelines.panel.pages.frame import PAGES, voice_of
+from pipelines.panel.pages.running import RunPage
+from pipelines.panel.pages.teach import TeachPage
+from pipelines.panel.pages.understand import UnderstandPage
 
 START_S: Final = 20.0
 END_S: Final = 10.0
 
 
-def make_app(desk: Desk) -> FastAPI:
-    """The application with the pages of a desk. NiceGUI knows one set of pages, so a process has one panel."""
-    app = FastAPI(title="treewright panel", openapi_url=None)
+def with_pages(app: FastAPI, desk: Desk, tokens: Tokens | None = None) -> Guard:
+    """The application with the pages of a desk, guarded: for this machine, or with `tokens` for whoever has one.
+
+    NiceGUI knows one set of pages: a process has one panel.
+    """
 
     @ui.page(PAGES["teach"])
     def teach(request: Request, task: str = "") -> None:
         desk.choice.task = task or desk.choice.task
-        TeachPage(desk, voice_of(request))
+        TeachPage(desk, voice_of(request), person_of(request))
 
     @ui.page(PAGES["understand"])
     async def understand(request: Request, task: str = "", version: str = "") -> None:
-        await UnderstandPage.open(desk, voice_of(request), task, version)
+        await UnderstandPage.open(desk, voice_of(request), person_of(request), task, version)
 
     @ui.page(PAGES["run"])
     def running(request: Request) -> None:
@@ -53,16 +57,18 @@ def make_app(desk: Desk) -> FastAPI:
         return JSONResponse({"stopping": True})
 
     ui.run_with(app, title="treewright", show_welcome_message=False)
-    return app
+    return Guard(app) if tokens is None else Guard(Login(app, tokens), hosts=None)
 
 
 class PanelServer:
     """Serves a desk on `host:port` (port 0: any free one) while the context is open. `url` is where.
 
-    Raises CommandError if the address cannot be used.
+    On an address that other machines reach a token is needed. Raises CommandError if the address cannot be used, or
+    nobody has a token.
     """
 
-    def __init__(self, desk: Desk, host: str, port: int) -> None:
+    def __init__(self, desk: Desk, host: str, port: int, tokens: Tokens) -> None:
+        needed = needed_on(host, tokens)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             self._socket = socket.create_server((host, port), family=family)
@@ -73,7 +79,7 @@ class PanelServer:
         port = int(self._socket.getsockname()[1])
         self.url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
         config = uvicorn.Config(
-            Guard(make_app(desk)),
+            with_pages(FastAPI(openapi_url=None), desk, needed),
             log_level="warning",
             timeout_graceful_shutdown=1,
             ws_max_size=LARGEST_BYTES,

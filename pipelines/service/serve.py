@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -27,9 +28,12 @@ from storage.serving import StoreOnZenoh
 
 if TYPE_CHECKING:
     import zenoh
+    from fastapi import FastAPI
+    from starlette.types import ASGIApp
 
 POLL_S: Final = 0.25
 Report = Callable[[Mapping[str, Any]], None]
+Pages = Callable[[ArtifactStore, "FastAPI"], "ASGIApp"]
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,10 @@ class Settings:
 
 
 @contextmanager
-def service(home: Home, session: zenoh.Session, settings: Settings, stop: threading.Event) -> Iterator[Service]:
-    """Everything up; it ends with the block, children first.
+def service(
+    home: Home, session: zenoh.Session, settings: Settings, stop: threading.Event, extend: Pages | None = None
+) -> Iterator[Service]:
+    """Everything up; it ends with the block, children first. `extend` adds pages to what is served over HTTP.
 
     Raises StorageUnavailableError or CommandError for a port in use, UnreachableError for a Prefect server that does
     not answer, ChildFailedError for one of ours that does not come up, StoppedError if `stop` is set meanwhile.
@@ -58,7 +64,8 @@ def service(home: Home, session: zenoh.Session, settings: Settings, stop: thread
         # The store first: it is quick, and what cannot be served is said before anything is started.
         told: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
         routes = receiving(Arrivals(home, lambda file: told.put(_received(file))), settings.token)
-        http = stack.enter_context(StoreOnHttp(store, settings.host, settings.port, [routes]))
+        more = partial(extend, store) if extend else None
+        http = stack.enter_context(StoreOnHttp(store, settings.host, settings.port, [routes], more))
         stack.enter_context(owned(session, f"{PREFIX}/serve", "an artifact store of this network"))
         stack.enter_context(StoreOnZenoh(session, store))
         children, prefect = _flows(stack, home, settings, stop) if settings.flows else ([], None)

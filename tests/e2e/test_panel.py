@@ -21,6 +21,7 @@ from support_processes import daemon
 from learner.model import Definition, GripperIs, InGripper, Node, ObjectRoughlyAt, Pose, SetGripper, Tree
 from learner.model.tree import fallback, leaf, sequence, subtree
 from learner.simulation.scenarios import scenario_named
+from pipelines.panel.access.tokens import Tokens
 from pipelines.simulated_cell.operator import Behavior, ScriptedOperator
 from recorder.recording import read_recording
 from recorder.wire import pose_message
@@ -66,6 +67,7 @@ class Site:
     """A simulated cell with recorder and panel, and a browser."""
 
     home: Path
+    endpoint: str
     session: zenoh.Session
     url: str
     browser: Browser
@@ -99,7 +101,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         ]
         browser = stack.enter_context(chromium())
         assert all(each.hear() == {"ready": True} for each in daemons)
-        yield Site(home, session, daemons[-1].hear()["url"], browser)
+        yield Site(home, endpoint, session, daemons[-1].hear()["url"], browser)
 
 
 @pytest.fixture
@@ -233,6 +235,32 @@ def test_stop_without_a_run_is_answered_in_a_sentence_and_another_sites_page_is_
     assert (own.status, "error" in own.json()) == (409, True)
     foreign = site.browser.new_context().request.post(f"{site.url}/stop", headers={"Origin": "http://evil.example"})
     assert foreign.status == 403
+
+
+def test_an_operator_from_another_machine_sees_but_does_not_judge_and_an_engineer_signs(site: Site) -> None:
+    tokens = Tokens(site.home / "tokens.json")
+    secrets = {name: tokens.add(name, role) for name, role in (("otto", "operator"), ("erna", "engineer"))}
+    with ArtifactStore(site.home / "store") as store:
+        version = store.publish("other", TREE, FACTS).version
+        store.judge("other", version, [DOUBT], 1)
+    words = ("--cell", "c1", "--host", "0.0.0.0", "--port", "0", "--connect", site.endpoint)
+    with daemon(site.home, "panel", *words) as panel:
+        assert panel.hear() == {"ready": True}
+        url = panel.hear()["url"].replace("0.0.0.0", "127.0.0.1")
+        for name, secret in secrets.items():
+            with Watched(site.browser, context=site.browser.new_context()) as watched:
+                page = watched.page
+                page.goto(f"{url}/understand?task=other")
+                page.get_by_label("Your token").fill(secret)
+                page.get_by_role("button", name="Enter").click()
+                expect(page.get_by_label("Your name")).to_have_value(name)
+                page.goto(f"{url}/understand?task=other")
+                expect(page.get_by_text(DOUBT)).to_be_visible()
+                approve = page.get_by_role("button", name="Approve")
+                assert approve.count() == (name == "erna")
+                if name == "erna":
+                    approve.click()
+                    expect(page.get_by_text("by erna")).to_be_visible()
 
 
 @pytest.mark.parametrize("watched", [(TABLET, "de-DE")], indirect=True)

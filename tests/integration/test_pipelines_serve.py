@@ -9,6 +9,7 @@ import socket
 import urllib.request
 from pathlib import Path
 
+import httpx
 import pytest
 from support_processes import command, daemon
 from support_recordings import object_in_box
@@ -72,3 +73,24 @@ def test_a_prefect_server_that_does_not_answer_is_one_clear_sentence(tmp_path: P
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
     assert "no Prefect server answers" in line
+
+
+def test_the_panel_of_a_cell_is_at_the_root_beside_the_store(tmp_path: Path) -> None:
+    options = ("--store-only", "--http", "127.0.0.1:0", "--listen", "tcp/127.0.0.1:0", "--cell", "c1")
+    with daemon(tmp_path, "serve", *options) as process:
+        assert process.hear() == {"ready": True}
+        with httpx.Client(base_url=process.hear()["http"], timeout=30) as client:
+            assert "Teach" in client.get("/").text
+            assert client.get("/v1/tasks").json() == []
+            foreign = {"Origin": "http://evil.example"}
+            assert client.get("/", headers=foreign).status_code == 403
+            assert client.get("/v1/tasks", headers=foreign).status_code == 200
+        assert process.end(signal.SIGTERM) == 0
+
+
+def test_the_panel_is_served_to_other_machines_only_for_tokens(tmp_path: Path) -> None:
+    options = ("--store-only", "--http", "0.0.0.0:0", "--listen", "tcp/127.0.0.1:0", "--cell", "c1")
+    done = command(tmp_path, "serve", *options)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "token add" in line

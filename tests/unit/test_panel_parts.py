@@ -7,19 +7,22 @@ import re
 import string
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import pipelines.panel
 from learner.model import ObjectAt, ObjectShape, Pose, Scene
+from pipelines.panel.access.guard import HEADERS, Guard
+from pipelines.panel.desk import Desk
 from pipelines.panel.goals import destinations
-from pipelines.panel.guard import HEADERS, Guard
 from pipelines.panel.lights import lights_of
 from pipelines.panel.sentences import LANGUAGES, SENTENCES, Voice
 from pipelines.panel.steps import Steps
 from pipelines.panel.table import table_svg
 from pipelines.panel.watch import Frames, Sight
+from storage.artifacts import ArtifactStore
 
 EVIL = "<script>alert('x')</script>\"&"
 FRAMES = Frames()
@@ -39,7 +42,7 @@ def test_every_sentence_is_there_in_every_language_with_the_same_facts() -> None
 
 
 def test_every_sentence_that_a_page_names_is_written() -> None:
-    sources = [file.read_text() for file in Path(pipelines.panel.__file__).parent.glob("*.py")]
+    sources = [file.read_text() for file in Path(pipelines.panel.__file__).parent.rglob("*.py")]
     named = {key for text in sources for key in re.findall(r"\bvoice\(\s*\"(\w+)\"", text)}
     assert named
     assert named <= set(SENTENCES)
@@ -76,6 +79,19 @@ def test_silence_and_losses_are_red_lights() -> None:
     assert {lights[name].color for name in ("Gripper", "Disk", "Losses", "tool0")} == {"red"}
     assert "3" in lights["Losses"].text
     assert lights_of(Sight(), FRAMES, Voice("de"))[0].color == "red"
+
+
+def test_a_store_that_fails_is_a_red_light_and_keeps_nobody_from_teaching(tmp_path: Path) -> None:
+    (tmp_path / "store.sqlite").write_bytes(b"no database at all" * 100)
+    watch: Any = SimpleNamespace(frames=FRAMES)
+    nothing: Any = None
+    with ArtifactStore(tmp_path) as store:
+        desk = Desk(watch, nothing, nothing, store)
+        assert desk.tasks() == []
+        assert desk.destinations(Sight()) == ()
+        first = desk.lights(Sight(status=STATUS), Voice("en"))[0]
+    assert (first.name, first.color) == ("Store", "red")
+    assert first.text
 
 
 def test_the_table_shows_each_object_in_its_size_where_it_lies() -> None:
@@ -120,7 +136,7 @@ def test_what_is_not_recorded_is_no_step() -> None:
     assert steps.steps == ()
 
 
-def answered(headers: dict[str, str], kind: str = "http") -> list[dict[str, Any]]:
+def answered(headers: dict[str, str], kind: str = "http", path: str = "/") -> list[dict[str, Any]]:
     """What the guard sends for a request with such headers, its application answering 200."""
     sent: list[dict[str, Any]] = []
 
@@ -133,7 +149,8 @@ def answered(headers: dict[str, str], kind: str = "http") -> list[dict[str, Any]
     async def send(message: Any) -> None:
         sent.append(message)
 
-    scope = {"type": kind, "headers": [(name.encode(), value.encode()) for name, value in headers.items()]}
+    given = [(name.encode(), value.encode()) for name, value in headers.items()]
+    scope = {"type": kind, "path": path, "headers": given}
     asyncio.run(Guard(application)(scope, receive, send))  # type: ignore[arg-type]
     return sent
 
@@ -156,6 +173,11 @@ def answered(headers: dict[str, str], kind: str = "http") -> list[dict[str, Any]
 )
 def test_only_pages_of_the_panel_itself_may_ask_it(headers: dict[str, str], status: int) -> None:
     assert answered(headers)[0]["status"] == status
+
+
+def test_the_store_may_be_read_from_anywhere() -> None:
+    assert answered({"host": "evil.example"}, path="/v1/tasks")[0]["status"] == 200
+    assert answered({"host": "evil.example"}, path="/v1")[0]["status"] == 403
 
 
 def test_a_stream_of_another_sites_page_is_closed_before_it_opens() -> None:

@@ -10,6 +10,7 @@ from typing import Final
 from nicegui import ui
 from starlette.requests import Request
 
+from pipelines.panel.access.login import LANGUAGE
 from pipelines.panel.lights import Light
 from pipelines.panel.sentences import LANGUAGES, Voice
 
@@ -18,7 +19,6 @@ STYLE: Final = f"<style>{(HERE / 'page.css').read_text()}</style>"
 KEYS: Final = f"<script>{(HERE / 'keys.js').read_text()}</script>"
 STOPS: Final = '<meta name="treewright-space" content="stop">'
 """On a page with this the space bar stops the run, before anything else of the page is there."""
-COOKIE: Final = "treewright-language"
 PAGES: Final = {"teach": "/", "understand": "/understand", "run": "/run"}
 REFRESH_S: Final = 0.2
 """Time between two looks at what has changed [s]."""
@@ -26,7 +26,7 @@ REFRESH_S: Final = 0.2
 
 def voice_of(request: Request) -> Voice:
     """In the language that the person chose before, else that of the browser."""
-    return Voice.wanted(request.cookies.get(COOKIE), request.headers.get("accept-language", ""))
+    return Voice.wanted(request.cookies.get(LANGUAGE), request.headers.get("accept-language", ""))
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def page(here: str, cell: str, voice: Voice) -> Iterator[None]:
 
 def _speak(code: str) -> None:
     ui.run_javascript(
-        f"document.cookie = '{COOKIE}={code}; path=/; max-age=31536000; samesite=strict'; location.reload()"
+        f"document.cookie = '{LANGUAGE}={code}; path=/; max-age=31536000; samesite=strict'; location.reload()"
     )
 
 

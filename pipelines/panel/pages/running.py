@@ -12,12 +12,11 @@ from learner.errors import LearnerError
 from pipelines.errors import CommandError
 from pipelines.panel.desk import Desk
 from pipelines.panel.folding import Folding, Told
-from pipelines.panel.lights import lights_of
-from pipelines.panel.page import STOPS, KeyButton, LightRow, page
+from pipelines.panel.pages.frame import STOPS, KeyButton, LightRow, page
+from pipelines.panel.pages.tree_view import TreeView
 from pipelines.panel.run_watch import RunState
 from pipelines.panel.sentences import Voice
 from pipelines.panel.table import table_svg
-from pipelines.panel.tree_view import TreeView
 from storage.artifacts import DOUBTFUL, LATEST, PRODUCTION, Artifact
 from storage.errors import StorageError
 
@@ -51,7 +50,7 @@ class RunPage:
         """Show what is known now, where it has changed."""
         sight, state = self._desk.watch.now(), self._desk.runs.now()
         self._table.set_content(table_svg(sight, self._desk.watch.frames))
-        self._lights.show(lights_of(sight, self._desk.watch.frames, self._voice))
+        self._lights.show(self._desk.lights(sight, self._voice))
         self._status.set_text("\n".join(filter(None, _sentences(state, self._voice))))
         self._status.classes(replace=f"tw-card tw-verdict {_style(state)}")
         self._start_button.element.set_enabled(not state.busy and bool(self._choice.options))
@@ -59,9 +58,7 @@ class RunPage:
 
     def _build_buttons(self) -> None:
         voice = self._voice
-        names = [
-            f"{row['task']}@{name}" for row in self._desk.store.tasks() for name in PREFERRED if name in row["aliases"]
-        ]
+        names = [f"{row['task']}@{name}" for row in self._desk.rows() for name in PREFERRED if name in row["aliases"]]
         chosen = [name for name in names if name.partition("@")[0] == self._desk.choice.task]
         with ui.element("div").classes("tw-card"):
             self._choice = ui.select(names, value=next(iter([*chosen, *names]), None), label=voice("version"))

@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LARGEST_BYTES: Final = 1 << 20
 """No request of a page is larger."""
+STORE: Final = "/v1/"
 LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 HEADERS: Final = {
     "content-security-policy": (
@@ -22,20 +23,24 @@ HEADERS: Final = {
         "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'; form-action 'self'; base-uri 'self'"
     ),
     "x-content-type-options": "nosniff",
-    "referrer-policy": "no-referrer",
+    "referrer-policy": "same-origin",
 }
 """With these a browser loads nothing from elsewhere for our pages, and shows them in no frame of another."""
 
 
 class Guard:
-    """Stands before the application and refuses what is not for it; `hosts` are the names by which it may be asked."""
+    """Stands before the application and refuses what is not for it; `hosts` are the names by which it may be asked, any
+    where each request is asked who it is of.
 
-    def __init__(self, application: ASGIApp, hosts: tuple[str, ...] = LOOPBACK) -> None:
+    What lies below `/v1/` is the artifact store's, which anybody may read.
+    """
+
+    def __init__(self, application: ASGIApp, hosts: tuple[str, ...] | None = LOOPBACK) -> None:
         self._application, self._hosts = application, hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse with 403 or 413 and a sentence, or hand on with our headers."""
-        if scope["type"] not in ("http", "websocket"):
+        if scope["type"] not in ("http", "websocket") or scope["path"].startswith(STORE):
             await self._application(scope, receive, send)
             return
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
@@ -47,7 +52,7 @@ class Guard:
 
     def _refusal(self, headers: Mapping[str, str]) -> tuple[int, str] | None:
         host = headers.get("host", "")
-        if _name_of(f"//{host}") not in self._hosts:
+        if self._hosts is not None and _name_of(f"//{host}") not in self._hosts:
             return 403, f"this panel is not called {host[:80]!r}"
         origin = headers.get("origin")
         if origin is not None and urlsplit(origin).netloc != host:

@@ -9,11 +9,12 @@ from typing import Any
 from nicegui import ui
 
 from learner.errors import LearnerError
+from pipelines.panel.access.tokens import Person
 from pipelines.panel.desk import Desk
 from pipelines.panel.folding import Folding, Line, Told
-from pipelines.panel.page import PAGES, page
+from pipelines.panel.pages.frame import PAGES, page
+from pipelines.panel.pages.tree_view import TreeView
 from pipelines.panel.sentences import Voice
-from pipelines.panel.tree_view import TreeView
 from pipelines.steps.page import sections_of
 from storage.artifacts import DOUBTFUL, PRODUCTION, Artifact
 from storage.errors import StorageError
@@ -22,29 +23,32 @@ from storage.errors import StorageError
 class UnderstandPage:
     """One open page on one version of a task."""
 
-    def __init__(self, desk: Desk, voice: Voice, rows: list[dict[str, Any]], artifact: Artifact | None) -> None:
-        self._desk, self._voice, self._artifact = desk, voice, artifact
+    def __init__(
+        self, desk: Desk, voice: Voice, person: Person, rows: list[dict[str, Any]], artifact: Artifact | None
+    ) -> None:
+        self._desk, self._voice, self._person, self._artifact = desk, voice, person, artifact
         report = (artifact.manifest.get("report") or {}) if artifact else {}
         self._shown: list[Mapping[str, Any]] = list(report.get("actions") or ())
         with page("understand", desk.watch.cell, voice):
             with ui.element("div").classes("tw-column"):
                 self._build_versions(rows)
                 if artifact is not None:
-                    self._build_judgement(artifact)
+                    if person.may_judge:
+                        self._build_judgement(artifact)
                     self._build_sections(artifact)
             if artifact is not None:
                 with ui.element("div").classes("tw-column"):
                     self._build_tree(artifact)
 
     @staticmethod
-    async def open(desk: Desk, voice: Voice, task: str, version: str) -> UnderstandPage:
+    async def open(desk: Desk, voice: Voice, person: Person, task: str, version: str) -> UnderstandPage:
         """The page of a version, without a name of the newest of the task, or of the task chosen last."""
         try:
             rows, artifact = await asyncio.to_thread(_loaded, desk, task, version)
         except (StorageError, LearnerError) as error:
-            rows, artifact = await asyncio.to_thread(_loaded, desk, "", "")
             ui.notify(str(error), type="negative", timeout=0, close_button=True)
-        return UnderstandPage(desk, voice, rows, artifact)
+            rows, artifact = await asyncio.to_thread(_listed, desk), None
+        return UnderstandPage(desk, voice, person, rows, artifact)
 
     def _build_versions(self, rows: list[dict[str, Any]]) -> None:
         with ui.element("div").classes("tw-card"):
@@ -72,7 +76,9 @@ class UnderstandPage:
     def _build_judgement(self, artifact: Artifact) -> None:
         voice = self._voice
         with ui.element("div").classes("tw-card tw-judge"):
-            self._name = ui.input(voice("user"), value=self._desk.choice.user).props("dense").classes("w-full")
+            known = self._person.name
+            self._name = ui.input(voice("user"), value=known or self._desk.choice.user).props("dense").classes("w-full")
+            self._name.set_enabled(not known)
             if artifact.standing.doubtful:
                 ui.button(voice("approve"), on_click=self._approve, color="orange-9").props("unelevated no-caps")
             elif PRODUCTION not in artifact.aliases:
@@ -109,7 +115,7 @@ class UnderstandPage:
         return self._voice("evidence", spread=spread, certainty=certainty, **facts)
 
     async def _approve(self) -> None:
-        name = self._name.value.strip()
+        name = self._person.name or self._name.value.strip()
         await self._judge(
             lambda store, task, version: store.approve(task, version, name),
             self._voice("approved_now", version=self._version, name=name),
@@ -134,14 +140,19 @@ class UnderstandPage:
         except (StorageError, LearnerError) as error:
             ui.notify(str(error), type="negative", timeout=0, close_button=True)
             return
-        self._desk.choice.user = self._name.value.strip()
+        self._desk.choice.user = self._desk.choice.user or self._name.value.strip()
         ui.notify(done, type="positive")
         ui.navigate.to(f"{PAGES['understand']}?task={task}&version={version}")
 
 
+def _listed(desk: Desk) -> list[dict[str, Any]]:
+    """All versions of all tasks. Raises StorageError for a store that fails."""
+    return [{**row, "versions": desk.store.versions(str(row["task"]))} for row in desk.rows()]
+
+
 def _loaded(desk: Desk, task: str, version: str) -> tuple[list[dict[str, Any]], Artifact | None]:
     """All versions of all tasks, and the one that is asked for with its tree. Raises StorageError or LearnerError."""
-    rows = [row | {"versions": desk.store.versions(row["task"])} for row in desk.store.tasks()]
+    rows = _listed(desk)
     names = [row["task"] for row in rows]
     chosen = task or (desk.choice.task if desk.choice.task in names else names[0] if names else "")
     if not chosen:

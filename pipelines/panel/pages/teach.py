@@ -11,10 +11,10 @@ from typing import Any, Final
 from nicegui import ui
 
 from pipelines.errors import CommandError
+from pipelines.panel.access.tokens import Person
 from pipelines.panel.desk import Desk
 from pipelines.panel.lessons import Lesson
-from pipelines.panel.lights import lights_of
-from pipelines.panel.page import PAGES, REFRESH_S, KeyButton, LightRow, page
+from pipelines.panel.pages.frame import PAGES, REFRESH_S, KeyButton, LightRow, page
 from pipelines.panel.sentences import Voice
 from pipelines.panel.steps import Step
 from pipelines.panel.table import table_svg
@@ -29,8 +29,8 @@ NEWEST: Final = 12
 class TeachPage:
     """One open page. What it knows is the desk's: a page that is loaded again shows the same."""
 
-    def __init__(self, desk: Desk, voice: Voice) -> None:
-        self._desk, self._voice = desk, voice
+    def __init__(self, desk: Desk, voice: Voice, person: Person) -> None:
+        self._desk, self._voice, self._person = desk, voice, person
         self._steps: tuple[Step, ...] | None = None
         self._lesson: Lesson | None = None
         self._buttons: dict[str, KeyButton] = {}
@@ -55,7 +55,7 @@ class TeachPage:
 
     def _show(self, sight: Sight) -> None:
         self._table.set_content(table_svg(sight, self._desk.watch.frames, self._desk.destinations(sight)))
-        self._lights.show(lights_of(sight, self._desk.watch.frames, self._voice))
+        self._lights.show(self._desk.lights(sight, self._voice))
         self._show_steps(sight.steps)
         self._show_lesson(self._desk.lessons.now)
         self._offer(sight)
@@ -66,7 +66,8 @@ class TeachPage:
         voice, choice = self._voice, self._desk.choice
         with ui.element("div").classes("tw-card tw-fields"):
             self._task = ui.input(voice("task"), value=choice.task, autocomplete=self._desk.tasks()).props("dense")
-            self._user = ui.input(voice("user"), value=choice.user).props("dense")
+            self._user = ui.input(voice("user"), value=self._person.name or choice.user).props("dense")
+            self._user.set_enabled(not self._person.name)
             self._objects = ui.select([], label=voice("objects"), multiple=True).props("dense use-chips")
             self._object = ui.select({"": voice("nearest")}, value="", label=voice("object")).props("dense")
             for field in (self._task, self._user, self._objects, self._object):
@@ -145,7 +146,7 @@ class TeachPage:
         watch, scene = self._desk.watch, self._desk.watch.now().scene
         request = {
             "task": self._task.value.strip(),
-            "user": self._user.value.strip(),
+            "user": self._person.name or self._user.value.strip(),
             "objects": self._objects.value,
             "base_frame": watch.frames.base,
             "end_effector_frame": watch.frames.hand,
