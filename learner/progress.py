@@ -20,6 +20,11 @@ def tell(doing: str) -> None:
         hear(doing)
 
 
+def is_heard() -> bool:
+    """Whether somebody listens: then one thread may show it, and holds nothing that the learner needs."""
+    return _HEARD.get() is not None
+
+
 @contextmanager
 def heard_by(hear: Hear) -> Iterator[None]:
     """Within the block, `hear` is called with what is told in this thread."""

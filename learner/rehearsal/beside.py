@@ -10,6 +10,8 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Final, Generic, TypeVar
 
+from learner.progress import is_heard
+
 Result = TypeVar("Result")
 FAILED: Final = 1
 """What a copy exits with that has no result."""
@@ -43,9 +45,9 @@ class Beside(Generic[Result]):
 
 
 def _may_copy() -> bool:
-    """Where the system tells which processors this process may use, and it may use several."""
+    """Where the system tells which processors this process may use, it may use several, and no thread is in the way."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
-    return processors > 1 and threading.active_count() == 1
+    return processors > 1 and threading.active_count() <= 1 + is_heard()
 
 
 class _Copy:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from learner.progress import heard_by
 from learner.rehearsal import beside
 from learner.rehearsal.beside import Beside
 
@@ -66,6 +67,15 @@ def test_a_copy_that_is_ended_is_gone_whether_it_is_done_or_not() -> None:
         process = work._copy._process
     with pytest.raises(ChildProcessError):
         os.waitpid(process, 0)
+
+
+def test_whoever_watches_a_terminal_is_served_as_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    monkeypatch.setattr(threading, "active_count", lambda: 2)
+    with heard_by(lambda doing: None), begun(os.getpid) as work:
+        assert work.result != os.getpid()
+    with begun(os.getpid) as work:
+        assert work.result == os.getpid()
 
 
 def test_a_process_with_threads_or_one_processor_does_its_work_itself(monkeypatch: pytest.MonkeyPatch) -> None:
