@@ -5,14 +5,16 @@
     quarantine       recordings that were refused, with the reason
     corrections      exclusions, relabelled and taken back actions, beside the original, which never changes; also of
                      recordings in quarantine, which are judged by them again
+    files            the recordings that were judged, as they were then (see storage.judged)
 
-Every table is a Delta table and grows only. Any number of processes may read and write at once.
+Every table is a Delta table and grows only. Any number of processes may read and write at once: what was decided by a
+table as it stood is appended with the next number of a mark of that table, which one of two writers gets.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal, TypeVar, get_args
@@ -22,6 +24,7 @@ import pyarrow as pa
 from learner.model import DemonstratedAction, Demonstration
 from learner.model.demonstration import ActionType
 from storage.errors import ConflictError, NotStoredError, RelabelRefusedError, StorageUnavailableError
+from storage.judged import JudgedFiles
 from storage.rows import (
     ACTION_ORDER,
     ACTIONS,
@@ -39,6 +42,11 @@ CorrectionKind = Literal["exclude", "restore", "relabel", "undo"]
 
 ATTEMPTS: Final = 50
 """How often a writer that lost a race looks again; each race has a winner, so this ends."""
+DECIDED: Final = "decided"
+"""The mark of a table that counts the decisions that were made by it."""
+WRITTEN: Final = "written"
+"""The mark of the actions' appends; in the demonstrations' table, up to which of them nothing is left over."""
+KEY: Final = ("demonstration_id", "sha256")
 RELEASES: Final[tuple[ActionType, ...]] = ("place", "drop")
 QUARANTINE: Final = pa.schema(
     [("quarantined_ns", pa.int64()), ("file", pa.string()), ("sha256", pa.string()), ("reason", pa.string())]
@@ -62,7 +70,11 @@ class Quarantined:
     file: str
     sha256: str | None
     reason: str
-    quarantined_ns: int
+    quarantined_ns: int = 0
+
+    def says(self, other: Quarantined | None) -> bool:
+        """Whether `other` says the same of the same bytes, whenever."""
+        return other is not None and replace(self, quarantined_ns=other.quarantined_ns) == other
 
 
 @dataclass(frozen=True)
@@ -88,6 +100,7 @@ class Lake:
         self._actions = Table(root / "actions", ACTIONS, ACTION_ORDER)
         self._quarantine = Table(root / "quarantine", QUARANTINE, ("quarantined_ns",))
         self._corrections = Table(root / "corrections", CORRECTIONS, ("serial",))
+        self.files = JudgedFiles(root / "files")
 
     def add(self, demonstration: Demonstration, files: Sequence[str | Path] = ()) -> bool:
         """Ingest a demonstration, whole or not at all; `files` are the recordings that it came from.
@@ -130,18 +143,20 @@ class Lake:
         """The id of each ingested demonstration by the digest of its recording."""
         return {sha256: demonstration_id for demonstration_id, sha256 in self._digests().items()}
 
-    def known_files(self) -> dict[str, str | None]:
-        """The digest of each recording that was ingested or quarantined, by its path; the newest word counts."""
-        return {file: sha256 for _, file, sha256 in self._words()}
-
-    def known_since_ns(self) -> dict[str, int]:
-        """When each recording was last ingested or quarantined, by its path: what changed later is unknown."""
-        return {file: stamp_ns for stamp_ns, file, _ in self._words()}
+    def stored(self, ids: Collection[str] = (), digests: Collection[str] = ()) -> dict[str, str]:
+        """The digest by id of the demonstrations that have one of these ids, or are of one of these digests."""
+        asked = (("demonstration_id", "in", sorted(ids)), ("sha256", "in", sorted(digests)))
+        filters = [[each] for each in asked if each[2]]
+        return _pairs(self._demonstrations.read(["demonstration_id", "sha256"], filters)) if filters else {}
 
     def quarantine(self, file: str | Path, sha256: str | None, reason: str) -> bool:
         """Record that a recording was refused. False if just this was recorded before."""
-        record = Quarantined(str(file), sha256, reason, time.time_ns())
-        return _until_won(lambda: self._try_to_quarantine(record))
+        return self.quarantine_all([Quarantined(str(file), sha256, reason)]) == 1
+
+    def quarantine_all(self, refused: Sequence[Quarantined]) -> int:
+        """Record in one commit that recordings were refused, now; of how many just this was not recorded before."""
+        now_ns = time.time_ns()
+        return _until_won(lambda: self._try_to_quarantine([replace(each, quarantined_ns=now_ns) for each in refused]))
 
     def quarantined(self) -> list[Quarantined]:
         """The recordings that stand refused, oldest first: the newest word on each, without those ingested since."""
@@ -193,11 +208,15 @@ class Lake:
 
     def compact(self) -> None:
         """Rewrite the small files of many ingests as few sorted ones."""
-        for table in (self._demonstrations, self._actions, self._quarantine, self._corrections):
+        for table in (self._demonstrations, self._actions, self._quarantine, self._corrections, self.files.table):
             table.compact()
 
     def _try_to_add(self, demonstrations: Sequence[Demonstration], files: Mapping[str, Sequence[str]]) -> list[bool]:
-        digests, new, answers = self._digests(), [], []
+        # In this order: of what is committed after it was looked at, a mark of ours is taken.
+        followed, written = self._demonstrations.mark(WRITTEN), self._actions.mark(WRITTEN)
+        decided = self._demonstrations.mark(DECIDED)
+        digests = self.stored(ids={demonstration.demonstration_id for demonstration in demonstrations})
+        new, answers = [], []
         for demonstration in demonstrations:
             stored = digests.setdefault(demonstration.demonstration_id, "")
             if stored not in ("", demonstration.sha256):
@@ -207,26 +226,35 @@ class Lake:
                 new.append(demonstration)
             answers.append(not stored)
         if new:
-            self._write(new, files)
+            marks = {DECIDED: decided + 1, **self._write_actions(new, followed, written)}
+            self._demonstrations.append(demonstration_rows(new, files, time.time_ns()), marks)
         return answers
 
-    def _write(self, new: Sequence[Demonstration], files: Mapping[str, Sequence[str]]) -> None:
-        """Actions first: until the demonstration's own row is there, nobody sees them, and a second try skips them."""
-        marks = {_action_mark(demonstration): demonstration for demonstration in new if demonstration.actions}
-        missing = {mark: marks[mark] for mark in marks.keys() - self._actions.committed(marks)}
-        if missing:
-            self._actions.append(action_rows(missing.values()), dict.fromkeys(missing, 1))
-        rows = demonstration_rows(new, files, time.time_ns())
-        self._demonstrations.append(rows, {demonstration.demonstration_id: 1 for demonstration in new})
+    def _write_actions(self, new: Sequence[Demonstration], followed: int, written: int) -> dict[str, int]:
+        """Before the demonstrations' own rows: until those are there, nobody sees the actions, and a second try skips
+        them. The mark by which the demonstrations' table tells that all actions are followed by it.
 
-    def _try_to_quarantine(self, record: Quarantined) -> bool:
-        records = self._quarantine_records()
-        if any(
-            (each.file, each.sha256, each.reason) == (record.file, record.sha256, record.reason) for each in records
-        ):
-            return False
-        self._quarantine.append(pa.Table.from_pylist([vars(record)], QUARANTINE), {})
-        return True
+        `written` counts the appends of actions, `followed` up to which of them nothing is left over. Only where an
+        append was not followed, since its writer ended or has not come so far, it is looked which actions there are.
+        """
+        there = self._actions.distinct(KEY) if written > followed else set()
+        missing = [each for each in new if each.actions and _key(each) not in there]
+        if missing:
+            self._actions.append(action_rows(missing), {WRITTEN: written + 1})
+        left_over = there - set(map(_key, new)) - set(self._digests().items() if there else ())
+        written += bool(missing)
+        return {WRITTEN: written} if written > followed and not left_over else {}
+
+    def _try_to_quarantine(self, refused: Sequence[Quarantined]) -> int:
+        if not refused:
+            return 0
+        decided = self._quarantine.mark(DECIDED)
+        newest = {each.file: each for each in self._quarantine_records({each.file for each in refused})}
+        new = {each.file: each for each in refused if not each.says(newest.get(each.file))}
+        if new:
+            rows = pa.Table.from_pylist([vars(each) for each in new.values()], QUARANTINE)
+            self._quarantine.append(rows, {DECIDED: decided + 1})
+        return len(new)
 
     def _try_to_correct(self, kind: Literal["exclude", "restore"], demonstration_id: str) -> bool:
         serial = self._next_serial()
@@ -283,13 +311,6 @@ class Lake:
         rows = pa.Table.from_pylist([row | {"step": step, "type": type_}], CORRECTIONS)
         self._corrections.append(rows, {"corrections": serial})
 
-    def _words(self) -> list[tuple[int, str, str | None]]:
-        """Stamp, path and digest of whatever became of a recording, oldest first."""
-        words = [(record.quarantined_ns, record.file, record.sha256) for record in self._quarantine_records()]
-        for row in self._demonstrations.read(["files", "sha256", "ingested_ns"]).to_pylist():
-            words.extend((row["ingested_ns"], file, row["sha256"]) for file in row["files"])
-        return sorted(words, key=lambda word: word[0])
-
     def _next_serial(self) -> int:
         """Taken before a decision is made, so that a correction that was made meanwhile is noticed."""
         return 1 + max(self._corrections.read(["serial"])["serial"].to_pylist(), default=0)
@@ -300,19 +321,23 @@ class Lake:
             found.setdefault(row["demonstration_id"], []).append(row)
         return found
 
-    def _quarantine_records(self) -> list[Quarantined]:
-        """The newest word on each file, oldest first."""
-        records = [Quarantined(**row) for row in self._quarantine.read().to_pylist()]
+    def _quarantine_records(self, files: Collection[str] | None = None) -> list[Quarantined]:
+        """The newest word on each file, or on each of `files`, oldest first."""
+        filters = [] if files is None else [("file", "in", sorted(files))]
+        records = [Quarantined(**row) for row in self._quarantine.read(filters=filters).to_pylist()]
         newest = {record.file: record for record in sorted(records, key=lambda record: record.quarantined_ns)}
         return sorted(newest.values(), key=lambda record: (record.quarantined_ns, record.file))
 
     def _digests(self) -> dict[str, str]:
-        table = self._demonstrations.read(["demonstration_id", "sha256"])
-        return dict(zip(table["demonstration_id"].to_pylist(), table["sha256"].to_pylist(), strict=True))
+        return _pairs(self._demonstrations.read(["demonstration_id", "sha256"]))
 
 
-def _action_mark(demonstration: Demonstration) -> str:
-    return f"{demonstration.demonstration_id}/{demonstration.sha256}"
+def _key(demonstration: Demonstration) -> tuple[str, str]:
+    return demonstration.demonstration_id, demonstration.sha256
+
+
+def _pairs(table: pa.Table) -> dict[str, str]:
+    return dict(zip(table["demonstration_id"].to_pylist(), table["sha256"].to_pylist(), strict=True))
 
 
 def _corrected(demonstration: Demonstration, corrections: Sequence[Row]) -> Entry:

@@ -1,12 +1,13 @@
 """One Delta table: opened, appended to and read, with the failures of a disk told as ours.
 
-Appends are optimistic: each names what it adds as transactions `(application id, version)`, and of two writers that
-name the same one, the second fails and must look again.
+Appends are optimistic: each names marks of the table with the numbers that it sets them to, `{mark: number}`, from 1,
+and of two writers that set one to the same number, the second fails and must look again. Marks are Delta's application
+transactions; there are only a few, for the log carries each of them for ever.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +19,9 @@ from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 
 from storage.errors import StorageUnavailableError
 
-Filters = list[tuple[str, str, Any]]
+Filter = tuple[str, str, Any]
+Filters = Sequence[Filter] | Sequence[Sequence[Filter]]
+"""All of them, or of several such lists any."""
 
 ROW_GROUP_ROWS: Final = 131_072
 """Tiny row groups make reading many times slower."""
@@ -51,31 +54,36 @@ class Table:
             local = SubTreeFileSystem(str(self.path), LocalFileSystem())
             return table.to_pyarrow_table(columns=wanted, filesystem=local, filters=filters or None)
 
-    def committed(self, applications: Iterable[str]) -> set[str]:
-        """Those of `applications` that ever committed."""
+    def distinct(self, columns: Sequence[str]) -> set[tuple[Any, ...]]:
+        """The different values of the rows in some columns."""
+        found = self.read(columns).group_by(list(columns)).aggregate([])
+        return set(zip(*(found[column].to_pylist() for column in columns), strict=True))
+
+    def mark(self, name: str) -> int:
+        """The number of a mark; 0 if it was never set."""
         with self._failures():
             table = self._open()
-            return {name for name in applications if table and table.transaction_version(name) is not None}
+            return (table.transaction_version(name) or 0) if table else 0
 
-    def append(self, rows: pa.Table, transactions: dict[str, int]) -> None:
+    def append(self, rows: pa.Table, marks: Mapping[str, int]) -> None:
         """Append `rows` in one commit, whole or not at all.
 
-        `transactions` are versions by application id, from 1. Raises LostRaceError if one of them, or a later version
-        of it, is committed already; StorageUnavailableError if the folder cannot be written.
+        Raises LostRaceError if one of the `marks` has its number, or a later one, already; StorageUnavailableError if
+        the folder cannot be written.
         """
         with self._failures():
             table = self._open() or self._create()
-            for application, version in transactions.items():
-                if (table.transaction_version(application) or 0) >= version:
-                    raise LostRaceError(application)
-            marks = [Transaction(application, version) for application, version in transactions.items()]
+            for name, number in marks.items():
+                if (table.transaction_version(name) or 0) >= number:
+                    raise LostRaceError(name)
+            transactions = [Transaction(name, number) for name, number in marks.items()]
             try:
                 write_deltalake(
                     table,
                     rows.sort_by([(column, "ascending") for column in self.order]),
                     mode="append",
                     writer_properties=WRITER,
-                    commit_properties=CommitProperties(app_transactions=marks),
+                    commit_properties=CommitProperties(app_transactions=transactions),
                 )
             except CommitFailedError as error:
                 raise LostRaceError(str(error)) from error

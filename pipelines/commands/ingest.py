@@ -40,13 +40,10 @@ def run(arguments: argparse.Namespace, console: Console) -> int:
 
 
 def _tell(result: IngestResult, console: Console) -> None:
-    from learner.observation import warnings_of
-    from pipelines.steps.ingest import doubts_about
-
-    for demonstration in result.ingested:
-        what = f"{demonstration.task} by {demonstration.user}, {len(demonstration.actions)} actions"
-        console.say(f"ingested {demonstration.demonstration_id}: {what}, {demonstration.outcome}")
-        for warning in (*warnings_of(demonstration), *demonstration.gaps, *doubts_about(demonstration)):
+    for each in result.ingested:
+        what = f"{each.task} by {each.user}, {each.actions} actions"
+        console.say(f"ingested {each.demonstration_id}: {what}, {each.outcome}")
+        for warning in (*each.warnings, *each.doubts):
             console.say(f"  warning: {warning}")
     for waiting in result.waiting:
         parts = ", ".join(map(str, waiting.parts))

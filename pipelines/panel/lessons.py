@@ -14,11 +14,10 @@ from types import TracebackType
 from typing import Any, Final, Literal, Self
 
 from learner.model import DemonstratedAction, Demonstration
-from learner.observation import warnings_of
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from pipelines.service.child import Child
-from pipelines.steps.ingest import doubts_about, ingest
+from pipelines.steps.ingest import Ingested, ingest
 from pipelines.steps.stores import open_lake
 
 Stage = Literal["none", "reading", "refused", "learning", "learned", "failed"]
@@ -99,8 +98,8 @@ class Lessons:
             return Lesson("refused", sentences=tuple(each.reason for each in result.quarantined))
         shown = lake.entry(demonstration_id).demonstration
         understood = tuple(understood_of(action, shown) for action in shown.actions)
-        sentences = (*warnings_of(shown), *shown.gaps, *doubts_about(shown))
-        return Lesson("learning", shown.task, understood, sentences)
+        told = Ingested.of(shown)
+        return Lesson("learning", shown.task, understood, (*told.warnings, *told.doubts))
 
     def _learned(self, task: str) -> dict[str, Any]:
         """In a process of its own, so that the pages and Stop stay quick. Raises ChildFailedError with its sentence."""

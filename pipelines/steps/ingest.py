@@ -2,6 +2,9 @@
 
 Recordings are read where they are and never changed. One that is refused is recorded with its reason; if it lies
 outside the data root, a copy is kept in `quarantine/`, named by its digest. One bad file never stops the rest.
+
+Files are judged in batches. A batch is one commit of each table, the demonstrations first and the memory of what was
+judged last, so that one that dies is judged again, and what it had committed is then known by its digest.
 """
 
 from __future__ import annotations
@@ -9,28 +12,55 @@ from __future__ import annotations
 import secrets
 import shutil
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from types import TracebackType
+from typing import Any, Final, Self
 
 from learner.errors import LearnerError
 from learner.inference.labels import doubts
 from learner.inference.parameters import InferenceParameters
 from learner.model import Demonstration, Recording
-from learner.observation import observe
+from learner.observation import observe, warnings_of
 from learner.observation.corrections import Correction
 from learner.progress import tell
 from pipelines.errors import CommandError
 from pipelines.home import Home
 from recorder.errors import RecorderError
 from recorder.paths import is_file, is_folder, shown
-from recorder.recording import Demonstrated, read_header, read_recording, sha256_of
+from recorder.recording import Demonstrated, ReadFile, join_files, read_header, sha256_of
 from storage.errors import ConflictError
-from storage.lake import Lake
+from storage.judged import FileState, Judged
+from storage.lake import Lake, Quarantined
 
 RECORDING: Final = ".mcap"
 LEAST_FREE_BYTES: Final = 8 << 20
+BATCH: Final = 128
+"""So many recordings are judged between two commits; of each only what is learned from stays in memory."""
+
+
+@dataclass(frozen=True)
+class Ingested:
+    """A demonstration that is new in the lake: `warnings` of what was odd in it, `doubts` where a label does not fit
+    what was seen.
+    """
+
+    demonstration_id: str
+    task: str
+    user: str
+    outcome: str
+    actions: int
+    warnings: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @classmethod
+    def of(cls, demonstration: Demonstration) -> Self:
+        """What is told of a demonstration."""
+        d = demonstration
+        warnings = (*warnings_of(d), *d.gaps)
+        doubted = tuple(doubts(d, InferenceParameters()))
+        return cls(d.demonstration_id, d.task, d.user, d.outcome, len(d.actions), warnings, doubted)
 
 
 @dataclass(frozen=True)
@@ -64,7 +94,7 @@ class Waiting:
 class IngestResult:
     """What became of the recordings of one ingest."""
 
-    ingested: tuple[Demonstration, ...]
+    ingested: tuple[Ingested, ...]
     known: tuple[str, ...]
     quarantined: tuple[Refused, ...]
     waiting: tuple[Waiting, ...]
@@ -72,7 +102,7 @@ class IngestResult:
     @property
     def tasks(self) -> tuple[str, ...]:
         """The tasks of which there is something new to learn."""
-        return tuple(sorted({demonstration.task for demonstration in self.ingested}))
+        return tuple(sorted({each.task for each in self.ingested}))
 
     def to_data(self) -> dict[str, Any]:
         """The JSON document of CONTRACT, section 4.
@@ -80,18 +110,13 @@ class IngestResult:
         `waiting` only where a split demonstration lacks a part, `doubts` only where a label does not seem to fit.
         """
         document: dict[str, Any] = {
-            "ingested": [demonstration.demonstration_id for demonstration in self.ingested],
+            "ingested": [each.demonstration_id for each in self.ingested],
             "known": list(self.known),
             "quarantined": [{"file": each.file, "reason": each.reason} for each in self.quarantined],
         }
         waiting = [{"demonstration_id": each.demonstration_id, "parts": list(each.parts)} for each in self.waiting]
-        doubts = {each.demonstration_id: sentences for each in self.ingested if (sentences := doubts_about(each))}
-        return document | ({"waiting": waiting} if waiting else {}) | ({"doubts": doubts} if doubts else {})
-
-
-def doubts_about(demonstration: Demonstration) -> list[str]:
-    """Where an operator's label does not fit what was seen, with the evidence."""
-    return list(doubts(demonstration, InferenceParameters()))
+        doubted = {each.demonstration_id: list(each.doubts) for each in self.ingested if each.doubts}
+        return document | ({"waiting": waiting} if waiting else {}) | ({"doubts": doubted} if doubted else {})
 
 
 def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> IngestResult:
@@ -100,84 +125,66 @@ def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> IngestResult:
     What is known already changes nothing; what was refused before is judged again only if it is named or has changed.
     Raises CommandError where there is no room, StorageUnavailableError if the lake cannot be used.
     """
-    _check_room(home)
-    work = _Ingest(home, lake, again=bool(named))
-    work.take(_expanded(named) if named else _recordings_below(home.recordings))
-    return work.finish()
+    files = _expanded(named) if named else _recordings_below(home.recordings)
+    return _Ingest(home, lake, bool(named), files).run()
 
 
 class _Ingest:
     """One pass: every file ends in exactly one of the lists."""
 
-    def __init__(self, home: Home, lake: Lake, again: bool) -> None:
-        self.home, self.lake, self.again = home, lake, again
-        self.known_ids, self.known_files, self.since_ns = lake.known(), lake.known_files(), lake.known_since_ns()
+    def __init__(self, home: Home, lake: Lake, again: bool, files: Sequence[Path]) -> None:
+        self.home, self.lake, self.again, self.files = home, lake, again, files
         self.corrections = lake.corrections()
-        self.taken: dict[str, tuple[Demonstration, Source]] = {}
+        self.ingested: list[Ingested] = []
         self.known: list[str] = []
         self.quarantined: list[Refused] = []
         self.waiting: list[Waiting] = []
 
-    def take(self, files: Iterable[Path]) -> None:
-        """Judge every file."""
-        headers: dict[Path, Demonstrated] = {}
-        for file in files:
-            tell(f"looking at {shown(file.name)}")
-            if self._is_settled(file):
-                self._note_known(self.known_files[shown(file)])
-            elif header := self._header(file):
-                headers[file] = header
-        for number, source in enumerate(self._sources(headers), start=1):
-            tell(f"reading {shown(source.files[0].name)}, {number} of at most {len(headers)}")
-            self._take_source(source)
+    def run(self) -> IngestResult:
+        """Judge every file: single ones first, then parts with those of their demonstration."""
+        _check_room(self.home)
+        new, parts = self._unsettled(), {}
+        for begin in range(0, len(new), BATCH):
+            with _Batch(self) as batch:
+                parts.update(batch.take([Source((file,)) for file in new[begin : begin + BATCH]]))
+        joined = list(self._joined(parts))
+        for begin in range(0, len(joined), BATCH):
+            with _Batch(self) as batch:
+                batch.take(joined[begin : begin + BATCH])
+        known = sorted({*self.known} - {each.demonstration_id for each in self.ingested})
+        return IngestResult(tuple(self.ingested), tuple(known), tuple(self.quarantined), tuple(self.waiting))
 
-    def finish(self) -> IngestResult:
-        """Write what was taken in one commit."""
-        tell(f"writing {len(self.taken)} demonstrations to the lake")
-        try:
-            new = self._add(list(self.taken.values()))
-        except ConflictError:
-            # Somebody else took an id meanwhile: find out whose.
-            new = [each for pair in self.taken.values() for each in self._add_or_refuse(*pair)]
-        known = sorted({*self.known} - {demonstration.demonstration_id for demonstration in new})
-        return IngestResult(tuple(new), tuple(known), tuple(self.quarantined), tuple(self.waiting))
+    def _unsettled(self) -> list[Path]:
+        """The files that have to be read; the others are as they were when they were judged."""
+        judged = self.lake.files.of({shown(file) for file in self.files})
+        stored = self.lake.stored(ids={each.demonstration_id for each in judged.values() if each.demonstration_id})
+        new = []
+        for file in self.files:
+            before = judged.get(shown(file))
+            if before is None or not self._is_settled(file, before, stored):
+                new.append(file)
+            elif before.demonstration_id:
+                self.known.append(before.demonstration_id)
+        return new
 
-    def _is_settled(self, file: Path) -> bool:
-        """Whether the file was judged before and has not changed since (by the time of its last change)."""
-        since_ns = self.since_ns.get(shown(file))
-        if since_ns is None or not is_file(file) or file.stat().st_ctime_ns > since_ns:
+    def _is_settled(self, file: Path, before: Judged, stored: Mapping[str, str]) -> bool:
+        if _state(file) != before.state:
             return False
-        return not self.again or self.known_files[shown(file)] in self.known_ids
+        return not self.again if before.demonstration_id is None else before.demonstration_id in stored
 
-    def _note_known(self, sha256: str | None) -> None:
-        if sha256 in self.known_ids:
-            self.known.append(self.known_ids[sha256])
-
-    def _header(self, file: Path) -> Demonstrated | None:
-        try:
-            return read_header(file)
-        except (RecorderError, OSError) as error:
-            self._refuse((file,), error)
-        except Exception as error:  # noqa: BLE001  # one bad file never stops the rest, whatever it is
-            self._refuse((file,), _defect(error))
-        return None
-
-    def _sources(self, headers: dict[Path, Demonstrated]) -> Iterator[Source]:
-        """Single files as they are; parts with those of their demonstration in the same folder, else in any."""
+    def _joined(self, headers: dict[Path, Demonstrated]) -> Iterator[Source]:
+        """The parts with those of their demonstration in the same folder, else in any."""
         groups: dict[tuple[Path, str], dict[Path, Demonstrated]] = defaultdict(dict)
         for file, header in headers.items():
-            if header.part is None:
-                yield Source((file,))
-            else:
-                groups[file.parent, header.demonstration_id][file] = header
+            groups[file.parent, header.demonstration_id][file] = header
         lone: dict[str, dict[Path, Demonstrated]] = defaultdict(dict)
         for (folder, demonstration_id), parts in groups.items():
             beside = parts | self._parts_beside(folder, demonstration_id)
-            if isinstance(source := _joined(beside), Source):
+            if isinstance(source := _join(beside), Source):
                 yield source
             else:
                 lone[demonstration_id] |= beside
-        for source in map(_joined, lone.values()):
+        for source in map(_join, lone.values()):
             if isinstance(source, Source):
                 yield source
             else:
@@ -185,65 +192,152 @@ class _Ingest:
 
     def _parts_beside(self, folder: Path, demonstration_id: str) -> dict[Path, Demonstrated]:
         """The parts of a demonstration that lie in a folder; files known as another's are not opened."""
+        files = _recordings_below(folder)
+        judged = self.lake.files.of({shown(file) for file in files})
         found: dict[Path, Demonstrated] = {}
-        for file in _recordings_below(folder):
-            if self.known_ids.get(self.known_files.get(shown(file)) or "", demonstration_id) != demonstration_id:
+        for file in files:
+            before = judged.get(shown(file))
+            if before and before.demonstration_id not in (None, demonstration_id):
                 continue
             header = _part_header(file)
             if header and header.demonstration_id == demonstration_id:
                 found[file] = header
         return found
 
-    def _take_source(self, source: Source) -> None:
+
+class _Batch:
+    """Recordings that are judged together; leaving the block without an exception writes what came of them."""
+
+    def __init__(self, ingest: _Ingest) -> None:
+        self.ingest, self.lake = ingest, ingest.lake
+        self.taken: dict[str, tuple[Demonstration, Source]] = {}
+        self.refused: list[Quarantined] = []
+        self.judged: list[Judged] = []
+        self.states: dict[Path, FileState | None] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._write()
+
+    def take(self, sources: Sequence[Source]) -> dict[Path, Demonstrated]:
+        """Judge every source, but for single files that turn out to be parts: the headers of those are returned."""
+        digests = {source: sha256 for source in sources if (sha256 := self._digest(source)) is not None}
+        known = {sha256: name for name, sha256 in self.lake.stored(digests=set(digests.values())).items()}
+        parts: dict[Path, Demonstrated] = {}
+        for number, (source, sha256) in enumerate(digests.items(), start=1):
+            tell(f"reading {shown(source.files[0].name)}, {number} of {len(digests)}")
+            if sha256 in known:
+                self._note_known(source, sha256, known[sha256])
+            elif header := self._take_new(source, sha256):
+                parts[source.files[0]] = header
+        return parts
+
+    def _digest(self, source: Source) -> str | None:
+        """The digest of the bytes; what cannot be read is refused."""
+        tell(f"looking at {shown(source.files[0].name)}")
+        # The state before the bytes: what changes while they are read is judged again.
+        self.states.update({file: _state(file) for file in source.files})
         try:
-            sha256 = sha256_of(source.files)
-            if sha256 in self.known_ids:
-                self._note_known(sha256)
-                return
-            self._take_demonstration(self._observed(read_recording(source.files)), source)
+            return sha256_of(source.files)
+        except (RecorderError, OSError) as error:
+            self._refuse(source, None, error)
+            return None
+
+    def _take_new(self, source: Source, sha256: str) -> Demonstrated | None:
+        try:
+            read = [ReadFile(file) for file in source.files]
+            if len(read) == 1 and read[0].demonstrated.part is not None:
+                return read[0].demonstrated
+            self._take_demonstration(self._observed(join_files(read, sha256)), source)
         except (LearnerError, RecorderError, ConflictError, OSError) as error:
-            self._refuse(source.files, error)
+            self._refuse(source, sha256, error)
         except Exception as error:  # noqa: BLE001  # one bad file never stops the rest, whatever it is
-            self._refuse(source.files, _defect(error))
+            self._refuse(source, sha256, _defect(error))
+        return None
 
     def _observed(self, recording: Recording) -> Demonstration:
         """By what a person corrected in it since, if it was in quarantine."""
-        words = self.corrections.get(recording.demonstration_id, [])
+        words = self.ingest.corrections.get(recording.demonstration_id, [])
         return observe(recording, corrections=[Correction(step, type_) for step, type_ in words])
 
     def _take_demonstration(self, demonstration: Demonstration, source: Source) -> None:
-        """Raises ConflictError if its id is taken by other content, in the lake or in this pass."""
+        """Raises ConflictError if its id is taken by other content in this batch."""
         name = demonstration.demonstration_id
-        stored = {known: sha256 for sha256, known in self.known_ids.items()}.get(name)
-        other = self.taken[name][0].sha256 if name in self.taken else stored
-        if other == demonstration.sha256:
-            self.known.append(name)
-        elif other is not None:
-            raise ConflictError(name, demonstration.sha256, other)
-        else:
+        if name not in self.taken:
             self.taken[name] = demonstration, source
+        elif self.taken[name][0].sha256 == demonstration.sha256:
+            self._note_known(source, demonstration.sha256, name)
+        else:
+            raise ConflictError(name, demonstration.sha256, self.taken[name][0].sha256)
 
-    def _add(self, taken: Sequence[tuple[Demonstration, Source]]) -> list[Demonstration]:
-        """Those of `taken` that are new in the lake. Raises ConflictError."""
+    def _write(self) -> None:
+        _check_room(self.ingest.home)
+        self._refuse_conflicting()
+        tell(f"writing {len(self.taken)} demonstrations to the lake")
+        try:
+            self._add(list(self.taken.values()))
+        except ConflictError:
+            # Somebody else took an id meanwhile: find out whose.
+            for pair in self.taken.values():
+                self._add_or_refuse(*pair)
+        self.lake.quarantine_all(self.refused)
+        self.lake.files.note(self.judged)
+
+    def _refuse_conflicting(self) -> None:
+        stored = self.lake.stored(ids=set(self.taken))
+        for name in stored.keys() & self.taken.keys():
+            demonstration, source = self.taken[name]
+            if stored[name] != demonstration.sha256:
+                del self.taken[name]
+                self._refuse(source, demonstration.sha256, ConflictError(name, demonstration.sha256, stored[name]))
+
+    def _add(self, taken: Sequence[tuple[Demonstration, Source]]) -> None:
+        """Write what is new. Raises ConflictError."""
         files = {demonstration.demonstration_id: list(map(shown, source.files)) for demonstration, source in taken}
         demonstrations = [demonstration for demonstration, _ in taken]
         answers = self.lake.add_all(demonstrations, files) if demonstrations else []
-        self.known += [d.demonstration_id for d, new in zip(demonstrations, answers, strict=True) if not new]
-        return [demonstration for demonstration, new in zip(demonstrations, answers, strict=True) if new]
+        for (demonstration, source), new in zip(taken, answers, strict=True):
+            self._note(source, demonstration.sha256, demonstration.demonstration_id)
+            if new:
+                self.ingest.ingested.append(Ingested.of(demonstration))
+            else:
+                self.ingest.known.append(demonstration.demonstration_id)
 
-    def _add_or_refuse(self, demonstration: Demonstration, source: Source) -> list[Demonstration]:
+    def _add_or_refuse(self, demonstration: Demonstration, source: Source) -> None:
         try:
-            return self._add([(demonstration, source)])
+            self._add([(demonstration, source)])
         except ConflictError as error:
-            self._refuse(source.files, error)
-            return []
+            self._refuse(source, demonstration.sha256, error)
 
-    def _refuse(self, files: Sequence[Path], error: BaseException) -> None:
+    def _note_known(self, source: Source, sha256: str, demonstration_id: str) -> None:
+        self.ingest.known.append(demonstration_id)
+        self._note(source, sha256, demonstration_id)
+
+    def _note(self, source: Source, sha256: str | None, demonstration_id: str | None) -> None:
+        """Remember what became of files; those that are not there, or are none, have no state to know them by."""
+        states = {file: state for file in source.files if (state := self.states[file]) is not None}
+        self.judged += [Judged(shown(file), state, sha256, demonstration_id) for file, state in states.items()]
+
+    def _refuse(self, source: Source, sha256: str | None, error: BaseException) -> None:
         reason = _sentence(error)
-        for file in files:
-            self.quarantined.append(Refused(shown(file), reason, isinstance(error, FileNotFoundError)))
+        for file in source.files:
+            self.ingest.quarantined.append(Refused(shown(file), reason, isinstance(error, FileNotFoundError)))
             if is_file(file):
-                self.lake.quarantine(shown(file), _keep(self.home, file), reason)
+                self.refused.append(Quarantined(shown(file), _keep(self.ingest.home, file), reason))
+        self._note(source, sha256, None)
+
+
+def _state(file: Path) -> FileState | None:
+    """The state of a file; None where there is none, or no name that the system admits."""
+    try:
+        return FileState.of(file) if is_file(file) else None
+    except OSError:
+        return None
 
 
 def _check_room(home: Home) -> None:
@@ -278,7 +372,7 @@ def _part_header(file: Path) -> Demonstrated | None:
     return header if header.part is not None else None
 
 
-def _joined(parts: dict[Path, Demonstrated]) -> Source | Waiting:
+def _join(parts: dict[Path, Demonstrated]) -> Source | Waiting:
     """The parts as one source if all are there: from 1 on without a gap, at least two, the last one not continued."""
     files = sorted(parts, key=lambda file: (parts[file].part or 0, file))
     numbers = tuple(parts[file].part or 0 for file in files)

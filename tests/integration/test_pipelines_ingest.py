@@ -16,6 +16,7 @@ from support_recordings import Take, object_in_box
 from pipelines.cli import main
 from pipelines.home import Home
 from pipelines.steps.ingest import IngestResult, ingest
+from recorder.recording import sha256_of
 from storage.lake import Lake
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "contract_samples"
@@ -50,9 +51,11 @@ def test_what_lies_below_recordings_is_ingested_once(home: Home) -> None:
 def test_each_demonstration_of_a_batch_leads_back_to_its_own_file(home: Home) -> None:
     files = [object_in_box(seed).write(home.recordings / f"{seed}.mcap") for seed in range(2)]
     ingested(home)
-    lake = Lake(home.lake)
-    by_id = {demonstration_id: sha256 for sha256, demonstration_id in lake.known().items()}
-    assert lake.known_files() == {str(file): by_id[f"object_in_box-{seed}"] for seed, file in enumerate(files)}
+    judged = Lake(home.lake).files.of(set(map(str, files)))
+    assert {file: each.demonstration_id for file, each in judged.items()} == {
+        str(file): f"object_in_box-{seed}" for seed, file in enumerate(files)
+    }
+    assert [judged[str(file)].sha256 for file in files] == [sha256_of([file]) for file in files]
 
 
 def test_the_same_content_under_another_name_is_known(home: Home, tmp_path: Path) -> None:
@@ -188,7 +191,7 @@ def test_a_split_demonstration_counts_once_all_parts_are_there(home: Home) -> No
     second.write(home.recordings / "2.mcap")
     whole = ingested(home)
     assert [(d.demonstration_id, d.outcome) for d in whole.ingested] == [("object_in_box-1", "success")]
-    assert [action.type for action in whole.ingested[0].actions] == ["pick", "drop"]
+    assert [action.type for action in Lake(home.lake).demonstrations()[0].actions] == ["pick", "drop"]
     assert ingested(home).known == ("object_in_box-1",)
 
 

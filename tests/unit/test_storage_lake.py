@@ -37,7 +37,7 @@ def test_every_demonstration_comes_back_exactly(given_one: Demonstration) -> Non
 
 def test_an_empty_lake_is_read_as_empty_and_not_created(lake: Lake) -> None:
     assert lake.demonstrations() == []
-    assert (lake.known(), lake.known_files(), lake.quarantined()) == ({}, {}, [])
+    assert (lake.known(), lake.files.of({"a"}), lake.stored({"d1"}), lake.quarantined()) == ({}, {}, {}, [])
     assert not lake.root.exists()
 
 
@@ -89,7 +89,7 @@ def test_the_long_table_holds_what_is_executed_and_achieved_in_every_frame(lake:
 def test_an_ingest_that_was_interrupted_between_its_tables_is_not_seen_and_completes(
     lake: Lake, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def killed(rows: pa.Table, transactions: dict[str, int]) -> None:
+    def killed(rows: pa.Table, marks: dict[str, int]) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
@@ -205,7 +205,6 @@ def test_a_quarantined_recording_is_listed_once_with_its_newest_reason(lake: Lak
     assert lake.quarantine("a.mcap", "2" * 64, "no metadata record")
     listed = [(record.file, record.sha256, record.reason) for record in lake.quarantined()]
     assert listed == [("b.mcap", None, "cannot be read"), ("a.mcap", "2" * 64, "no metadata record")]
-    assert lake.known_files() == {"a.mcap": "2" * 64, "b.mcap": None}
 
 
 def test_a_recording_that_was_repaired_and_ingested_is_no_longer_quarantined(lake: Lake) -> None:
@@ -214,7 +213,6 @@ def test_a_recording_that_was_repaired_and_ingested_is_no_longer_quarantined(lak
     lake.quarantine("copy.mcap", good.sha256, "disk was full")
     lake.add(good, files=["a.mcap"])
     assert lake.quarantined() == []
-    assert lake.known_files() == {"a.mcap": good.sha256, "copy.mcap": good.sha256}
     assert lake.known() == {good.sha256: "d1"}
     lake.quarantine("a.mcap", "3" * 64, "overwritten")
     assert [record.reason for record in lake.quarantined()] == ["overwritten"]
