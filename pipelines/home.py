@@ -66,6 +66,10 @@ class Home:
         """What the scheduled refresh learned from what, JSON by task."""
         return self.root / "learned.json"
 
+    def lock(self, name: str) -> Path:
+        """The file by which processes of this machine exclude each other from what the name says."""
+        return self.root / "locks" / f"{name}.lock"
+
     @property
     def traces(self) -> Path:
         """What controllers did, one JSON Lines file a run."""

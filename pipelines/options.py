@@ -75,6 +75,7 @@ SEED: Final = whole(0, 2**63 - 1)
 STAMP_NS: Final = whole(0, 2**63 - 1)
 SPEED: Final = real(above=0, most=100)
 """A simulated cell's time in units of the wall's."""
+LEARNERS: Final = whole(1, 256)
 INDEX: Final = whole(0, 10**9)
 PORT: Final = whole(0, 65535)
 PATIENCE: Final = seconds(above=0)

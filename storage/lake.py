@@ -14,10 +14,10 @@ table as it stood is appended with the next number of a mark of that table, whic
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, Literal, TypeVar, get_args
+from typing import Any, Final, Literal, TypeVar, get_args
 
 import pyarrow as pa
 
@@ -91,6 +91,20 @@ class Entry:
     taken_back: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True)
+class Word:
+    """What decides about learning from a demonstration without its content: that follows from the digest.
+
+    `meant` holds, by step, what a person said that it was: a type, or 'undo'.
+    """
+
+    task: str
+    demonstration_id: str
+    sha256: str
+    excluded: bool
+    meant: Mapping[int, str]
+
+
 class Lake:
     """The tables below `root`; nothing is created before something is added."""
 
@@ -130,6 +144,12 @@ class Lake:
         corrections = self._corrections_by_id()
         entries = [_corrected(each, corrections.get(each.demonstration_id, [])) for each in demonstrations]
         return sorted(entries, key=lambda entry: _start(entry.demonstration))
+
+    def words(self) -> list[Word]:
+        """A word on each demonstration, excluded ones too; no action is read."""
+        corrections = self._corrections_by_id()
+        rows = self._demonstrations.read(["task", "demonstration_id", "sha256"]).to_pylist()
+        return [Word(**row, **_meant(corrections.get(row["demonstration_id"], ()))) for row in rows]
 
     def entry(self, demonstration_id: str) -> Entry:
         """One demonstration. Raises NotStoredError."""
@@ -338,6 +358,13 @@ def _key(demonstration: Demonstration) -> tuple[str, str]:
 
 def _pairs(table: pa.Table) -> dict[str, str]:
     return dict(zip(table["demonstration_id"].to_pylist(), table["sha256"].to_pylist(), strict=True))
+
+
+def _meant(corrections: Sequence[Row]) -> dict[str, Any]:
+    """The newest words on a demonstration: whether it is `excluded`, and what its steps were `meant` to be."""
+    kept = [row["kind"] for row in corrections if row["kind"] in ("exclude", "restore")]
+    meant = {row["step"]: row["type"] or "undo" for row in corrections if row["kind"] in ("relabel", "undo")}
+    return {"excluded": kept[-1:] == ["exclude"], "meant": meant}
 
 
 def _corrected(demonstration: Demonstration, corrections: Sequence[Row]) -> Entry:

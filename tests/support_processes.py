@@ -82,12 +82,17 @@ def daemon(home: Path, *words: str, **more: str) -> Iterator[Daemon]:
 
 def processes_of(home: Path) -> list[str]:
     """The command lines of the processes that have this data root, by their command line or environment."""
-    found: list[str] = []
+    return list(processes_by_id(home).values())
+
+
+def processes_by_id(home: Path) -> dict[int, str]:
+    """The same by process id."""
+    found: dict[int, str] = {}
     for process in Path("/proc").glob("[0-9]*"):
         try:
             words = (process / "cmdline").read_text().replace("\0", " ")
             if process.name != str(os.getpid()) and str(home) in words + (process / "environ").read_text():
-                found.append(words)
+                found[int(process.name)] = words
         except (OSError, ValueError):
             # It ended meanwhile, or is another user's.
             continue

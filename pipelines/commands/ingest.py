@@ -50,7 +50,7 @@ def _tell(result: IngestResult, console: Console) -> None:
         console.say(f"waiting for the other parts of {waiting.demonstration_id}; there are: {parts}")
     for refused in result.quarantined:
         console.say(str(refused))
-    console.say(f"{len(result.ingested)} ingested, {len(result.known)} known, {len(result.quarantined)} quarantined")
+    console.say(result.sentence)
     for task in result.tasks:
         console.say(f"learn from it with: treewright learn {task}")
 

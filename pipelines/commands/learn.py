@@ -57,10 +57,10 @@ def _learn(arguments: argparse.Namespace) -> Publication:
         from pipelines.flows.learn import learn_flow
 
         return learn_flow(str(home.root), arguments.task, method, arguments.include_unknown, arguments.include_gaps)
-    from pipelines.steps.learn import learn_task
+    from pipelines.steps.learn import learn_task, learning
     from pipelines.steps.stores import open_lake, open_store
 
-    with open_store(home) as store:
+    with learning(home, arguments.task), open_store(home) as store:
         return learn_task(
             open_lake(home), store, arguments.task, method, arguments.include_unknown, arguments.include_gaps
         )

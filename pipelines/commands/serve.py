@@ -3,8 +3,10 @@
 With --json one object a line: {"ready": true} when all is up; {"stamp_ns", "event": "serving", "http", "prefect"} with
 the addresses (`prefect` null with --store-only); {"stamp_ns", "event", "task", "version", "alias", "digest"} for every
 change of the store (`event` is `published` or `alias`); {"stamp_ns", "event": "received", "cell", "file"} for every
-recording that a recorder elsewhere has brought, which it may with the token that TREEWRIGHT_TOKEN holds; and
-{"stamp_ns", "event": "unavailable", "reason"} where the store does not answer for a while.
+recording that a recorder elsewhere has brought, which it may with the token that TREEWRIGHT_TOKEN holds; {"stamp_ns",
+"event": "unavailable", "reason"} where the store does not answer for a while; and {"stamp_ns", "event": "down", "what",
+"reason"} and {"stamp_ns", "event": "up", "what"} where the Prefect server or the process of the flows does not, while
+the store goes on.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from pipelines.commands.panel import add_view_arguments, opened_desk
 from pipelines.console import Console
 from pipelines.home import TOKEN, Home
 from pipelines.network.session import add_zenoh_arguments, open_session
-from pipelines.options import PERIOD, PORT
+from pipelines.options import LEARNERS, PERIOD, PORT
 
 if TYPE_CHECKING:
     import zenoh
@@ -49,6 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=60.0,
         metavar="S",
         help="look for new recordings so often (default 60)",
+    )
+    parser.add_argument(
+        "--learners",
+        type=LEARNERS,
+        default=2,
+        metavar="N",
+        help="learn so many tasks at the same time (default 2)",
     )
     parser.add_argument("--store-only", action="store_true", help="serve the artifact store, run no flows")
     parser.add_argument("--cell", metavar="C", help="show the panel of this cell at `/`")
@@ -105,6 +114,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         prefect_port=arguments.prefect_port,
         prefect_url=os.environ.get("PREFECT_API_URL") or None,
         period_s=arguments.period,
+        learners=arguments.learners,
         flows=not arguments.store_only,
         token=os.environ.get(TOKEN) or None,
     )
@@ -112,11 +122,14 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 
 def _tell(console: Console, event: Mapping[str, Any]) -> None:
     console.emit(event)
-    if event["event"] == "unavailable":
+    if event["event"] in ("unavailable", "down"):
         console.warn(event["reason"])
         return
     if event["event"] == "received":
         console.say(f"received {event['file']}")
+        return
+    if event["event"] == "up":
+        console.say(f"the {event['what']} is up again")
         return
     name = f"{event['task']}@{event['version']}"
     console.say(f"published {name}" if event["event"] == "published" else f"{event['alias']} is now {name}")

@@ -11,7 +11,7 @@ from learner.learning import DEFAULT_METHOD
 from pipelines.flows.patience import PATIENT
 from pipelines.flows.shown import show_learned, show_publication
 from pipelines.home import Home
-from pipelines.steps.learn import Choice, Publication, choose, learn_from, publish
+from pipelines.steps.learn import Choice, Publication, choose, learn_from, learning, publish
 from pipelines.steps.stores import open_lake, open_store
 
 
@@ -24,12 +24,13 @@ def learn_flow(
     include_gaps: bool = False,
 ) -> Publication:
     """Learn a task from the lake below the data root and publish its tree."""
-    choice = choose_demonstrations(root, task_name, include_unknown, include_gaps)
-    learned = learn_tree(choice, method)
-    show_learned(task_name, learned)
-    publication = publish_tree(root, choice, learned, method)
-    show_publication(publication, learned)
-    return publication
+    with learning(Home(Path(root)), task_name):
+        choice = choose_demonstrations(root, task_name, include_unknown, include_gaps)
+        learned = learn_tree(choice, method)
+        show_learned(task_name, learned)
+        publication = publish_tree(root, choice, learned, method)
+        show_publication(publication, learned)
+        return publication
 
 
 @task(name="choose demonstrations", **PATIENT)

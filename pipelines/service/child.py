@@ -7,6 +7,8 @@ import ctypes
 import json
 import os
 import queue
+import select
+import shutil
 import signal
 import subprocess
 import threading
@@ -20,6 +22,7 @@ from pipelines.errors import CommandError
 
 PATIENCE_S: Final = 15.0
 """How long a child may take to end after it was asked to; then it is killed."""
+LONG_LOG_BYTES: Final = 8 << 20
 _PR_SET_PDEATHSIG: Final = 1
 _LIBC: Final = ctypes.CDLL(None)
 
@@ -32,8 +35,8 @@ class Child:
     """A running process while the context is open; leaving it asks the process to end, then insists.
 
     Standard error goes to `log`, which is appended to; standard output too, unless the process speaks JSON, one object
-    a line, which `hear` gives. The process leads a group of its own, so that a Ctrl-C reaches it through us alone, in
-    our order; if we are killed it is told to end.
+    a line, which `hear` gives. To one that `listens` objects are told in the same way. The process leads a group of its
+    own, so that a Ctrl-C reaches it through us alone, in our order; if the thread that started it ends, it is told to.
     """
 
     def __init__(
@@ -43,10 +46,12 @@ class Child:
         environment: Mapping[str, str],
         log: Path,
         speaks_json: bool = False,
+        listens: bool = False,
     ) -> None:
         self.name, self.log = name, log
-        self._command, self._environment, self._speaks_json = list(command), dict(environment), speaks_json
-        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._command, self._environment = list(command), dict(environment)
+        self._speaks_json, self._listens = speaks_json, listens
+        self._lines: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
 
     def __enter__(self) -> Self:
         self.log.parent.mkdir(parents=True, exist_ok=True)
@@ -54,13 +59,15 @@ class Child:
             self._process = subprocess.Popen(
                 self._command,
                 env=self._environment,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if self._listens else subprocess.DEVNULL,
                 stdout=subprocess.PIPE if self._speaks_json else log,
                 stderr=log,
-                text=True,
                 start_new_session=True,
                 preexec_fn=_end_with_parent,  # it calls one function of the C library
             )
+        if self._process.stdin is not None:
+            # One that does not listen must not hold up who tells it.
+            os.set_blocking(self._process.stdin.fileno(), False)
         if self._speaks_json:
             threading.Thread(target=self._read, name=f"{self.name} speaks", daemon=True).start()
         return self
@@ -69,6 +76,17 @@ class Child:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
+
+    def tell(self, document: Mapping[str, Any]) -> bool:
+        """Tell the process something, at once. False if it does not listen, or the line is longer than a pipe takes
+        whole.
+        """
+        assert self._process.stdin is not None
+        line = json.dumps(document).encode() + b"\n"
+        try:
+            return len(line) <= select.PIPE_BUF and os.write(self._process.stdin.fileno(), line) == len(line)
+        except (OSError, ValueError):
+            return False
 
     def hear(self, timeout_s: float) -> dict[str, Any]:
         """The next object that the process says. Raises ChildFailedError if it ends or is silent for too long."""
@@ -79,8 +97,18 @@ class Child:
         if line is None:
             self._process.wait()
             raise ChildFailedError(self._obituary())
-        document: dict[str, Any] = json.loads(line)
+        try:
+            document: dict[str, Any] = json.loads(line)
+        except ValueError as error:
+            raise ChildFailedError(f"the {self.name} said what is no JSON: {line[:80]!r}; see {self.log}") from error
         return document
+
+    def shorten_log(self) -> None:
+        """Once the log is long, move what it holds into one beside it, `<log>.1`, in place of what was there."""
+        if self.log.exists() and self.log.stat().st_size > LONG_LOG_BYTES:
+            shutil.copyfile(self.log, self.log.with_name(f"{self.log.name}.1"))
+            # The process appends: it goes on at the beginning.
+            os.truncate(self.log, 0)
 
     @property
     def code(self) -> int | None:
@@ -91,6 +119,11 @@ class Child:
         """Raises ChildFailedError if the process has ended."""
         if self.code is not None:
             raise ChildFailedError(self._obituary())
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing that it said waits to be heard."""
+        return self._lines.empty()
 
     def wait(self, timeout_s: float) -> int:
         """Its exit code. Raises ChildFailedError if it does not end in time."""
@@ -113,6 +146,9 @@ class Child:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
 
     def _read(self) -> None:
         """Take what the process says as it comes, so that it never waits for us; None is its end."""

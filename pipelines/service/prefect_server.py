@@ -7,20 +7,20 @@ import json
 import os
 import socket
 import sys
-import threading
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 import uuid
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Any, Final
 
 from pipelines.errors import CommandError, UnreachableError
 from pipelines.home import Home
-from pipelines.service.child import Child, ChildFailedError
+from pipelines.service.child import Child
 
 HOST: Final = "127.0.0.1"
+LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
 START_S: Final = 180.0
 """A cold server needs about 20 s, on a busy machine several times that."""
 QUIET: Final = {
@@ -32,12 +32,22 @@ QUIET: Final = {
     "PREFECT_CLIENT_MAX_RETRIES": "20",
 }
 """No telemetry, no question: a cell's network may lead nowhere. And patience."""
+IMPATIENT: Final = {"PREFECT_CLIENT_MAX_RETRIES": "4"}
+"""For flows that are done without a server where that fails: not hours, but half a minute."""
+BOUNDED: Final = {
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs,orphans",
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": "2592000",
+}
+"""The server forgets runs with their logs after 30 days (events after 7); the lake and the store keep what counts."""
 ASK_S: Final = 60.0
+ANSWER_S: Final = 5.0
 SILENT: Final = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
 """For flows in a command's own process: standard error is for one clear line."""
-_OPENER: Final = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-"""A server on this machine is never asked through a proxy."""
+_DIRECT: Final = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 USUAL_PORT: Final = 4200
+LAST_DEPLOYED: Final = "learn"
+DEPLOYED: Final = "line-"
+"""How the names of all deployments of ours begin."""
 FINAL: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
 
@@ -45,45 +55,46 @@ class StoppedError(Exception):
     """Told to end while something was still coming up."""
 
 
-@contextmanager
-def prefect_server(
-    home: Home, port: int | None, environment: Mapping[str, str], stop: threading.Event
-) -> Iterator[tuple[Child, str]]:
-    """A server of our own on `port` of this machine with its files in `home.prefect`; yields it and its API's URL.
-
-    Port 0 is any free one; None is Prefect's usual one, or any if that is taken. Raises CommandError if a port that
-    was named is in use, ChildFailedError if the server does not come up, StoppedError if `stop` is set meanwhile.
-    """
-    port = _free_port(port)
-    url = f"http://{HOST}:{port}/api"
+def prefect_server(home: Home, url: str, environment: Mapping[str, str]) -> Child:
+    """A server of our own whose API is at `url`, with its files in `home.prefect`; it is up once it `answers`."""
+    port = str(urllib.parse.urlsplit(url).port)
     own = {
         **QUIET,
+        **BOUNDED,
         "PREFECT_HOME": str(home.prefect),
         "PREFECT_SERVER_API_HOST": HOST,
         # As an option of the command line alone, the pages would talk to the default port.
-        "PREFECT_SERVER_API_PORT": str(port),
+        "PREFECT_SERVER_API_PORT": port,
         "PREFECT_API_URL": url,
     }
     command = [sys.executable, "-m", "prefect", "server", "start"]
-    with Child("Prefect server", command, {**environment, **own}, home.logs / "prefect-server.log") as child:
-        _await(child, stop, lambda: answers(url))
-        yield child, url
+    return Child("Prefect server", command, {**without_proxy(environment), **own}, home.logs / "prefect-server.log")
 
 
-@contextmanager
-def flow_runner(
-    home: Home, url: str, period_s: float, environment: Mapping[str, str], stop: threading.Event
-) -> Iterator[Child]:
-    """The process that deploys our flows on the server at `url` and runs them, the refresh every `period_s` [s].
-
-    Raises ChildFailedError and StoppedError as `prefect_server` does.
+def flow_runner(home: Home, url: str, period_s: float, learners: int, environment: Mapping[str, str]) -> Child:
+    """The process that ingests and learns what it is told of and what it finds every `period_s` [s], in flows of the
+    server at `url` while that answers. It says {"ready": true} when it is warm.
     """
-    own = {**QUIET, "PREFECT_HOME": str(home.prefect), "PREFECT_API_URL": url}
-    deployed = f"{url}/deployments/name/refresh/{deployment_name(home)}"
-    command = [sys.executable, "-m", "pipelines.flows.deployments", str(home.root), str(period_s)]
-    with Child("runner of the flows", command, {**environment, **own}, home.logs / "flows.log") as child:
-        _await(child, stop, lambda: _answer(deployed) is not None)
-        yield child
+    own = {**QUIET, **IMPATIENT, "PREFECT_HOME": str(home.prefect), "PREFECT_API_URL": url}
+    command = [sys.executable, "-m", "pipelines.flows.process", str(home.root), str(period_s), str(learners)]
+    name, log = "process of the flows", home.logs / "flows.log"
+    return Child(name, command, {**without_proxy(environment), **own}, log, speaks_json=True, listens=True)
+
+
+def api_url(port: int | None) -> str:
+    """Where a server of our own will have its API on this machine.
+
+    Port 0 is any free one; None is Prefect's usual one, or any if that is taken. Raises CommandError if a port that
+    was named is in use.
+    """
+    return f"http://{HOST}:{_free_port(port)}/api"
+
+
+def without_proxy(environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment with what never leads through a proxy: what is on this machine."""
+    names = environment.get("no_proxy") or environment.get("NO_PROXY") or ""
+    every = ",".join(dict.fromkeys([*filter(None, names.split(",")), *LOOPBACK]))
+    return {**environment, "no_proxy": every, "NO_PROXY": every}
 
 
 def check_api(url: str) -> None:
@@ -99,9 +110,19 @@ def answers(url: str) -> bool:
     return _answer(f"{url}/health") is True
 
 
+def is_ready(url: str) -> bool:
+    """Whether it answers and reaches its database."""
+    return _answer(f"{url}/ready") is not None
+
+
+def is_deployed(home: Home, url: str) -> bool:
+    """Whether the flows of a data root can be asked for on the server at `url`."""
+    return _answer(f"{url}/deployments/name/{LAST_DEPLOYED}/{deployment_name(home)}") is not None
+
+
 def deployment_name(home: Home) -> str:
     """What our flows are deployed as: of a data root its own, so that several may share a server."""
-    return f"line-{hashlib.sha256(str(home.root).encode()).hexdigest()[:8]}"
+    return f"{DEPLOYED}{hashlib.sha256(str(home.root).encode()).hexdigest()[:8]}"
 
 
 def run_refresh(home: Home, url: str, timeout_s: float) -> None:
@@ -128,22 +149,20 @@ def run_in_this_process(environment: dict[str, str] | os._Environ[str] = os.envi
     check_api(environment["PREFECT_API_URL"])
     for name, value in {**QUIET, **SILENT}.items():
         environment.setdefault(name, value)
+    environment.update(without_proxy(environment))
 
 
-def _await(child: Child, stop: threading.Event, ready: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + START_S
-    while not ready():
-        child.check()
-        if stop.wait(0.2):
-            raise StoppedError
-        if time.monotonic() > deadline_s:
-            raise ChildFailedError(f"the {child.name} did not come up within {START_S:g} s; see {child.log}")
+def _open(request: str | urllib.request.Request, timeout_s: float) -> Any:
+    """A server on this machine is never asked through a proxy, any other as the environment says."""
+    url = request if isinstance(request, str) else request.full_url
+    local = urllib.parse.urlsplit(url).hostname in LOOPBACK
+    return _DIRECT.open(request, timeout=timeout_s) if local else urllib.request.urlopen(request, timeout=timeout_s)
 
 
 def _answer(url: str) -> object | None:
     """The JSON at `url`; None where nothing or an error answers."""
     try:
-        with _OPENER.open(url, timeout=5) as response:
+        with _open(url, ANSWER_S) as response:
             document: object = json.loads(response.read())
             return document
     except (urllib.error.URLError, OSError, ValueError):
@@ -160,7 +179,7 @@ def _ask(url: str, document: Mapping[str, Any] | None = None) -> dict[str, Any]:
     deadline_s = time.monotonic() + ASK_S
     while True:
         try:
-            with _OPENER.open(request, timeout=ASK_S) as response:
+            with _open(request, ASK_S) as response:
                 answer: dict[str, Any] = json.loads(response.read())
                 return answer
         except (urllib.error.URLError, OSError, ValueError) as error:

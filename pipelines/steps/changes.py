@@ -9,14 +9,16 @@ from __future__ import annotations
 import hashlib
 import json
 import secrets
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
-from itertools import groupby
 from typing import Any
 
 from learner.learning import DEFAULT_METHOD
 from pipelines.home import Home
 from pipelines.steps.learn import code_version
-from storage.lake import Entry, Lake
+from pipelines.steps.locks import locked
+from storage.lake import Lake, Word
 
 
 @dataclass(frozen=True)
@@ -33,15 +35,17 @@ class TaskState:
 
 def changed_tasks(home: Home, lake: Lake) -> dict[str, TaskState]:
     """The tasks of the lake that were not yet learned as they stand now; results are still empty."""
-    entries = sorted(lake.entries(), key=lambda entry: entry.demonstration.task)
-    now = {name: standing_of(list(group)) for name, group in groupby(entries, lambda e: e.demonstration.task)}
+    by_task: dict[str, list[Word]] = defaultdict(list)
+    for word in lake.words():
+        by_task[word.task].append(word)
     before = standings(home)
+    now = {name: standing_of(by_task[name]) for name in sorted(by_task)}
     return {name: standing for name, standing in now.items() if _digest(before.get(name)) != standing.digest}
 
 
-def standing_of(entries: list[Entry]) -> TaskState:
+def standing_of(words: Iterable[Word]) -> TaskState:
     """The standing of one task's demonstrations, in whatever order they come."""
-    facts = [sorted(map(_facts, entries)), code_version(), DEFAULT_METHOD]
+    facts = [sorted(map(_facts, words)), code_version(), DEFAULT_METHOD]
     return TaskState(hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest())
 
 
@@ -55,22 +59,20 @@ def standings(home: Home) -> dict[str, TaskState]:
 
 
 def remember(home: Home, task: str, standing: TaskState) -> None:
-    """Note what came of learning a task: written beside, renamed."""
-    document = {name: asdict(entry) for name, entry in (standings(home) | {task: standing}).items()}
-    beside = home.learned.with_name(f".{home.learned.name}.{secrets.token_hex(4)}.part")
-    home.root.mkdir(parents=True, exist_ok=True)
-    try:
-        beside.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
-        beside.replace(home.learned)
-    finally:
-        beside.unlink(missing_ok=True)
+    """Note what came of learning a task: written beside, renamed, by one process after the other."""
+    with locked(home.lock("learned")):
+        document = {name: asdict(entry) for name, entry in (standings(home) | {task: standing}).items()}
+        beside = home.learned.with_name(f".{home.learned.name}.{secrets.token_hex(4)}.part")
+        try:
+            beside.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
+            beside.replace(home.learned)
+        finally:
+            beside.unlink(missing_ok=True)
 
 
 def _digest(standing: TaskState | None) -> str | None:
     return standing.digest if standing else None
 
 
-def _facts(entry: Entry) -> list[Any]:
-    demonstration = entry.demonstration
-    types = [action.type for action in demonstration.actions]
-    return [demonstration.demonstration_id, demonstration.sha256, entry.excluded, types]
+def _facts(word: Word) -> list[Any]:
+    return [word.demonstration_id, word.sha256, word.excluded, sorted(word.meant.items())]

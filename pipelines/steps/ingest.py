@@ -104,6 +104,12 @@ class IngestResult:
         """The tasks of which there is something new to learn."""
         return tuple(sorted({each.task for each in self.ingested}))
 
+    @property
+    def sentence(self) -> str:
+        """How many of each."""
+        waiting = f", {len(self.waiting)} waiting for a part" if self.waiting else ""
+        return f"{len(self.ingested)} ingested, {len(self.known)} known, {len(self.quarantined)} quarantined{waiting}"
+
     def to_data(self) -> dict[str, Any]:
         """The JSON document of CONTRACT, section 4.
 
@@ -129,6 +135,12 @@ def ingest(home: Home, lake: Lake, named: Sequence[Path] = ()) -> IngestResult:
     return _Ingest(home, lake, bool(named), files).run()
 
 
+def unsettled(home: Home, lake: Lake) -> dict[Path, FileState | None]:
+    """The recordings below the data root that an ingest would read, as they are now."""
+    pass_ = _Ingest(home, lake, False, _recordings_below(home.recordings))
+    return {file: _state(file) for file in pass_.unsettled()}
+
+
 class _Ingest:
     """One pass: every file ends in exactly one of the lists."""
 
@@ -143,7 +155,7 @@ class _Ingest:
     def run(self) -> IngestResult:
         """Judge every file: single ones first, then parts with those of their demonstration."""
         _check_room(self.home)
-        new, parts = self._unsettled(), {}
+        new, parts = self.unsettled(), {}
         for begin in range(0, len(new), BATCH):
             with _Batch(self) as batch:
                 parts.update(batch.take([Source((file,)) for file in new[begin : begin + BATCH]]))
@@ -154,7 +166,7 @@ class _Ingest:
         known = sorted({*self.known} - {each.demonstration_id for each in self.ingested})
         return IngestResult(tuple(self.ingested), tuple(known), tuple(self.quarantined), tuple(self.waiting))
 
-    def _unsettled(self) -> list[Path]:
+    def unsettled(self) -> list[Path]:
         """The files that have to be read; the others are as they were when they were judged."""
         judged = self.lake.files.of({shown(file) for file in self.files})
         stored = self.lake.stored(ids={each.demonstration_id for each in judged.values() if each.demonstration_id})

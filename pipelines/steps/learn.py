@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import cache
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +25,9 @@ from learner.planning.actions import scene_of
 from learner.progress import tell
 from pipelines.console import silent_standard_error
 from pipelines.errors import CommandError
+from pipelines.home import Home
 from pipelines.steps.gate import reasons_against, untried
+from pipelines.steps.locks import locked
 from storage.artifacts import ArtifactStore
 from storage.lake import Entry, Lake
 
@@ -67,6 +71,17 @@ class Publication:
     def to_data(self) -> dict[str, Any]:
         """The JSON document of the command."""
         return asdict(self)
+
+
+@contextmanager
+def learning(home: Home, task: str) -> Iterator[None]:
+    """Within the block nobody else on this machine learns the task; who does so now is waited for.
+
+    Raises NameRefusedError for a name that is none.
+    """
+    check_name("task", task)
+    with locked(home.lock(f"learn-{task}")):
+        yield
 
 
 def learn_task(
@@ -203,8 +218,12 @@ def _some(names: Sequence[str], shown: int = 3) -> str:
     return ", ".join(names[:shown]) + more
 
 
+@cache
 def code_version() -> dict[str, str]:
-    """Which code learned: our version, and the digest of the learner's own files, which tells apart what is not."""
+    """Which code learned: our version, and the digest of the learner's own files, which tells apart what is not.
+
+    Once a process: what it has imported does not change with the files.
+    """
     return {"treewright": version_of("treewright"), "learner_sha256": _digest_of(Path(learner.__file__).parent)}
 
 

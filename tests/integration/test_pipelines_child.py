@@ -63,6 +63,30 @@ def test_what_it_started_ends_with_it(tmp_path: Path) -> None:
     wait_until(lambda: not alive(grandchild), 10)
 
 
+def test_one_that_does_not_listen_holds_nobody_up(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", "import time; time.sleep(60)"]
+    with Child("deaf", words, os.environ, tmp_path / "deaf.log", listens=True) as child:
+        heard = [child.tell({"file": "a" * 1000}) for _ in range(200)]
+        assert heard[0]
+        assert not heard[-1]
+        assert not child.tell({"file": "a" * 5000})
+    assert not child.tell({"file": "a"})
+
+
+def test_a_long_log_is_moved_aside_while_the_process_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipelines.service.child.LONG_LOG_BYTES", 100)
+    script = "import sys; print('x' * 200, flush=True); sys.stdin.readline(); print('more', flush=True)"
+    log = tmp_path / "child.log"
+    with Child("child", [sys.executable, "-c", script], os.environ, log, listens=True) as child:
+        wait_until(lambda: log.exists() and log.stat().st_size > 200)
+        child.shorten_log()
+        assert log.read_text() == ""
+        child.tell({})
+        child.wait(30)
+    assert log.read_text() == "more\n"
+    assert (tmp_path / "child.log.1").read_text() == "x" * 200 + "\n"
+
+
 def test_one_that_will_not_end_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipelines.service.child.PATIENCE_S", 0.3)
     begin_s = time.monotonic()

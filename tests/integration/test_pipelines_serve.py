@@ -62,7 +62,19 @@ def test_a_port_in_use_is_one_clear_sentence(tmp_path: Path) -> None:
         assert port in done.stderr
 
 
-@pytest.mark.parametrize("words", [("--http", "8420"), ("--http", "a:b"), ("--prefect-port", "x"), ("--period", "0")])
+def test_two_services_on_one_data_root_are_one_too_many(tmp_path: Path) -> None:
+    options = ("serve", "--store-only", "--http", "127.0.0.1:0", "--listen", "tcp/127.0.0.1:0")
+    with daemon(tmp_path, *options) as process:
+        assert process.hear() == {"ready": True}
+        second = command(tmp_path, *options)
+    assert second.returncode == 1
+    (line,) = second.stderr.splitlines()
+    assert line.startswith(f"treewright: a service of {tmp_path} is running already: process {process.process.pid}, ")
+
+
+@pytest.mark.parametrize(
+    "words", [("--http", "8420"), ("--http", "a:b"), ("--prefect-port", "x"), ("--period", "0"), ("--learners", "0")]
+)
 def test_an_address_that_is_none_is_wrong_usage(words: tuple[str, str], tmp_path: Path) -> None:
     assert command(tmp_path, "serve", *words).returncode == 2
 
