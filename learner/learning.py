@@ -12,9 +12,10 @@ from learner.paper.method import learn_plainly
 from learner.parameters import Parameters
 from learner.progress import tell
 from learner.rehearsal.trial import certify, rehearse_and_repair
+from learner.stages import UNSEEN, Stages
 from learner.treewright import learn_robustly
 
-Method = Callable[[Sequence[Demonstration], Parameters], Learned]
+Method = Callable[[Sequence[Demonstration], Parameters, Stages], Learned]
 
 METHODS: Final[Mapping[str, Method]] = {"treewright": learn_robustly, "paper": learn_plainly}
 DEFAULT_METHOD: Final = "treewright"
@@ -25,6 +26,7 @@ def learn(
     parameters: Parameters | None = None,
     method: str = DEFAULT_METHOD,
     rehearsed: bool = False,
+    stages: Stages = UNSEEN,
 ) -> Learned:
     """The tree that `method` learns from demonstrations of one task; the same input gives the same bytes.
 
@@ -47,5 +49,5 @@ def learn(
     ordered = sorted(demonstrations, key=lambda demonstration: demonstration.demonstration_id)
     parameters = parameters or Parameters()
     tell(f"making a tree from {len(ordered)} demonstrations")
-    learned = METHODS[method](ordered, parameters)
-    return rehearse_and_repair(learned, ordered) if rehearsed else certify(learned, ordered[0].base_frame)
+    learned = METHODS[method](ordered, parameters, stages)
+    return rehearse_and_repair(learned, ordered, stages) if rehearsed else certify(learned, ordered[0].base_frame)

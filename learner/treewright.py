@@ -19,13 +19,18 @@ from learner.model.doubt import Doubt
 from learner.parameters import Parameters
 from learner.planning.draft import Draft
 from learner.regularities.doubting import asked_about, doubts_about
+from learner.stages import UNSEEN, Stages
 
 _REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
 
 
-def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
+def learn_robustly(demonstrations: Sequence[Demonstration], parameters: Parameters, stages: Stages = UNSEEN) -> Learned:
     """The tree of our method, with what is not known. Raises NothingLearnedError if nothing was moved."""
-    understood = understand(demonstrations, parameters.inference)
+    understood = understand(demonstrations, parameters.inference, stages)
+    return stages.run("plan", lambda: _planned(understood, demonstrations, parameters))
+
+
+def _planned(understood: Understanding, demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
     draft = Draft(understood, parameters.planning, understood_without(understood))
     asked = questions(demonstrations, understood.targets, parameters.inference, understood.groups)
     users = agreement(understood, draft.without)

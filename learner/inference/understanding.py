@@ -17,6 +17,7 @@ from learner.inference.samples import Names, Samples
 from learner.inference.targets import Target, alone
 from learner.model import Demonstration
 from learner.model.poses import Rows
+from learner.stages import UNSEEN, Stages
 
 Meaning = frozenset[frozenset[tuple[str, str, str]]]
 """The goals of all groups, each as (object, type, frame) of its targets; of frames that are rigid by the task the
@@ -58,25 +59,34 @@ class Understanding:
         )
 
 
-def understand(demonstrations: Sequence[Demonstration], parameters: InferenceParameters) -> Understanding:
+def understand(
+    demonstrations: Sequence[Demonstration], parameters: InferenceParameters, stages: Stages = UNSEEN
+) -> Understanding:
     """Moves cleaned, targets found, goals grouped.
 
     Raises NothingLearnedError if nothing was moved, or the demonstrations differ in their base frame.
     """
-    return understand_samples(Samples.of(demonstrations), parameters)
+    return understand_samples(Samples.of(demonstrations), parameters, stages)
 
 
-def understand_samples(samples: Samples, parameters: InferenceParameters) -> Understanding:
+def understand_samples(samples: Samples, parameters: InferenceParameters, stages: Stages = UNSEEN) -> Understanding:
     """The same of a table of actions. Raises NothingLearnedError if nothing was moved."""
     moves, left_out = moves_of(samples, parameters)
     if moves.put_back.all():
         raise NothingLearnedError("no object was moved in any demonstration: everything was put back where it was")
-    targets = find_targets(moves, parameters)
+    targets = stages.run("cluster", lambda: find_targets(moves, parameters))
+    return stages.run("infer", lambda: _meant(moves, left_out, targets, parameters))
+
+
+def _meant(
+    moves: Moves, left_out: LeftOut, targets: Sequence[Target], parameters: InferenceParameters
+) -> Understanding:
+    """What the moves to these targets mean."""
     chains = chains_of(moves, targets)
     if not chains.lengths.any() and moves.released.any():
         targets = [alone(int(n), moves, parameters) for n in np.flatnonzero(moves.released & ~moves.put_back)]
         chains = chains_of(moves, targets)
-    groups = groups_of(samples, chains, _held_at_end(moves), parameters)
+    groups = groups_of(moves.samples, chains, _held_at_end(moves), parameters)
     inside = np.zeros(len(moves), dtype=np.bool_)
     inside[[number for target in targets for number in target.members]] = True
     strange = tuple(np.flatnonzero(moves.released & ~inside).tolist())

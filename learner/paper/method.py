@@ -25,12 +25,13 @@ from learner.paper.parameters import PaperParameters
 from learner.parameters import Parameters
 from learner.planning.rounding import rounded_pose, rounded_vector
 from learner.planning.synthesis import main_id
+from learner.stages import UNSEEN, Stages
 
 Identity = tuple[Any, ...]
 """What makes two demonstrated actions equal: type, object, and the clusters that they lie in."""
 
 
-def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameters) -> Learned:
+def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameters, stages: Stages = UNSEEN) -> Learned:
     """The tree of the published method.
 
     Nothing is refused: where conditions conflict so that the planner does not reach a group's goal in its own
@@ -38,7 +39,7 @@ def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameter
     """
     numbers = parameters.paper
     samples = Samples.of(demonstrations)
-    identities, clusters = identify(samples, len(demonstrations), numbers)
+    identities, clusters = stages.run("cluster", lambda: identify(samples, len(demonstrations), numbers))
     members: dict[Identity, list[int]] = defaultdict(list)
     for row, identity in enumerate(identities):
         members[identity].append(row)
@@ -46,8 +47,8 @@ def learn_plainly(demonstrations: Sequence[Demonstration], parameters: Parameter
     sequences: list[list[Identity]] = [[] for _ in demonstrations]
     for number, identity in zip(samples.demonstration, identities, strict=True):
         sequences[number].append(identity)
-    groups = _groups(sequences, actions)
-    plans = [_plan(group, actions, numbers) for group in groups]
+    groups = stages.run("infer", lambda: _groups(sequences, actions))
+    plans = stages.run("plan", lambda: [_plan(group, actions, numbers) for group in groups])
     roots = [plan.root for plan in plans]
     root = roots[0] if len(roots) == 1 else fallback(*roots, reactive=False)
     shown = [sorted(_members(group, sequences, demonstrations)) for group in groups]

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import count
 from types import TracebackType
 from typing import Any, Self
 
@@ -28,6 +29,7 @@ from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
 from learner.rehearsal.users import success_without
 from learner.relations.things import NO_THINGS
+from learner.stages import UNSEEN, Stages
 
 
 def certify(learned: Learned, base_frame: str) -> Learned:
@@ -36,7 +38,7 @@ def certify(learned: Learned, base_frame: str) -> Learned:
     return replace(learned, certificate=certificate.to_data(), notes=(*learned.notes, *_unproven(certificate)))
 
 
-def rehearse_and_repair(learned: Learned, demonstrations: Sequence[Demonstration]) -> Learned:
+def rehearse_and_repair(learned: Learned, demonstrations: Sequence[Demonstration], stages: Stages = UNSEEN) -> Learned:
     """With the best of the trees that a draft makes, once rehearsed and repaired, that is proven; else the first.
 
     A method without a draft has its tree judged by what ours understands of the demonstrations, and not repaired.
@@ -47,7 +49,7 @@ def rehearse_and_repair(learned: Learned, demonstrations: Sequence[Demonstration
     except NothingLearnedError as error:
         told = {"rehearsal": {"rollouts": 0, "reason": str(error)}, "replay": Replay(reason=str(error)).to_data()}
         return certify(replace(learned, report={**learned.report, **told}), base_frame)
-    with _Trial(learned, draft, Stage(demonstrations, parameters.rehearsal)) as trial:
+    with _Trial(learned, draft, Stage(demonstrations, parameters.rehearsal), stages) as trial:
         return trial.learned()
 
 
@@ -69,8 +71,8 @@ class _Trial:
     tree, which is seldom repaired, is done beside.
     """
 
-    def __init__(self, learned: Learned, draft: Draft, stage: Stage) -> None:
-        self.first, self.draft, self.stage = learned, draft, stage
+    def __init__(self, learned: Learned, draft: Draft, stage: Stage, stages: Stages) -> None:
+        self.first, self.draft, self.stage, self.stages = learned, draft, stage, stages
         self.numbers = stage.parameters.lessons
         self.goals = partial(goals_of, draft.understood.groups, draft.placements)
         self._replay = Beside(lambda: replay(learned.tree, stage, self.goals, learned.grasps))
@@ -109,15 +111,25 @@ class _Trial:
 
     def _best(self) -> _Tried:
         """The best candidate; if its replay fails, what that teaches is tried too."""
-        found = candidates(self.first.tree, self._made, self._rehearsed, self._proposed, self.numbers.trials)
+        found = self.stages.run("rehearse", self._candidates)
         best = self._best_proven(found)
         seen = self._proposed(best.replay.failures, best.candidate.repairs)
         repairs = best.candidate.repairs | (seen[-1] if seen else NOTHING)
         if repairs == best.candidate.repairs:
             return best
         tree = self._made(repairs)
-        other = self._completed(Candidate(tree, repairs, self._rehearsed(tree)))
+        rehearsal = self.stages.run("rehearse", lambda: self._rehearsed(tree))
+        other = self._completed(Candidate(tree, repairs, rehearsal))
         return max(best, other, key=lambda one: one.better)
+
+    def _candidates(self) -> list[Candidate]:
+        made = count()
+
+        def rehearsed(tree: Tree) -> Rehearsal:
+            self.stages.progress(next(made), self.numbers.trials + 1)
+            return self._rehearsed(tree)
+
+        return candidates(self.first.tree, self._made, rehearsed, self._proposed, self.numbers.trials)
 
     def _best_proven(self, found: Sequence[Candidate]) -> _Tried:
         """The best rehearsed candidate if it is proven, or if the first is not proven either; else the first."""
@@ -133,12 +145,14 @@ class _Trial:
         return _Tried(candidate, certificate or self._proven(candidate.tree), self._replayed(candidate.tree))
 
     def _proven(self, tree: Tree) -> Certificate:
-        return self._proof.result if tree is self.first.tree else _certificate(self.first, tree, self.stage.base)
+        if tree is self.first.tree:
+            return self.stages.run("prove", lambda: self._proof.result)
+        return self.stages.run("prove", lambda: _certificate(self.first, tree, self.stage.base))
 
     def _replayed(self, tree: Tree) -> Replay:
-        return (
-            self._replay.result if tree is self.first.tree else replay(tree, self.stage, self.goals, self.first.grasps)
-        )
+        if tree is self.first.tree:
+            return self.stages.run("replay", lambda: self._replay.result)
+        return self.stages.run("replay", lambda: replay(tree, self.stage, self.goals, self.first.grasps))
 
     def _made(self, repairs: Repairs) -> Tree:
         return self.draft.tree(repairs)

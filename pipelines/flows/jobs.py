@@ -43,7 +43,7 @@ def ingest_files(root: str, files: Sequence[str], in_flow: bool) -> str:
     def plainly() -> IngestResult:
         return ingest(home, open_lake(home), [Path(file) for file in files])
 
-    return _done(flow, plainly, in_flow).sentence
+    return in_flow_or_without(flow, plainly, in_flow).sentence
 
 
 def learn_changed_task(root: str, task: str, in_flow: bool) -> str:
@@ -59,10 +59,11 @@ def learn_changed_task(root: str, task: str, in_flow: bool) -> str:
         with open_store(home) as store:
             return learn_task(open_lake(home), store, task)
 
-    return relearn(home, task, lambda: _done(flow, plainly, in_flow))
+    return relearn(home, task, lambda: in_flow_or_without(flow, plainly, in_flow))
 
 
-def _done(flow: Callable[[], Result], plainly: Callable[[], Result], in_flow: bool) -> Result:
+def in_flow_or_without(flow: Callable[[], Result], plainly: Callable[[], Result], in_flow: bool) -> Result:
+    """What the flow returns or, where it may not run or fails by no doing of ours, what is done without it."""
     if not in_flow:
         return plainly()
     try:

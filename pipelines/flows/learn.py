@@ -1,21 +1,23 @@
-"""The flow that learns: choose demonstrations; cluster, infer, plan and verify; publish."""
+"""The flow that learns: choose demonstrations; cluster, infer, plan, rehearse, prove, replay; publish."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from prefect import flow, task
+from prefect import flow
 
-from learner.learned import Learned
 from learner.learning import DEFAULT_METHOD
 from pipelines.flows.patience import PATIENT
-from pipelines.flows.shown import show_learned, show_publication
+from pipelines.flows.shown import show_learned, show_publication, show_timings
+from pipelines.flows.stages import SeenStages
+from pipelines.flows.tagged import tag_run
 from pipelines.home import Home
 from pipelines.steps.learn import Choice, Publication, choose, learn_from, learning, publish
 from pipelines.steps.stores import open_lake, open_store
 
 
-@flow(name="learn", validate_parameters=False)
+@flow(name="learn", flow_run_name="learn {task_name}", validate_parameters=False)
 def learn_flow(
     root: str,
     task_name: str,
@@ -24,29 +26,29 @@ def learn_flow(
     include_gaps: bool = False,
 ) -> Publication:
     """Learn a task from the lake below the data root and publish its tree."""
-    with learning(Home(Path(root)), task_name):
-        choice = choose_demonstrations(root, task_name, include_unknown, include_gaps)
-        learned = learn_tree(choice, method)
-        show_learned(task_name, learned)
-        publication = publish_tree(root, choice, learned, method)
-        show_publication(publication, learned)
-        return publication
+    home, stages = Home(Path(root)), SeenStages(task_name)
+    with learning(home, task_name), open_store(home) as store:
+        lake = open_lake(home)
+        choice = stages.run("choose", lambda: choose(lake, task_name, include_unknown, include_gaps), **PATIENT)
+        learned = learn_from(choice, method, stages=stages)
+        publication = stages.run("publish", lambda: publish(store, choice, learned, method), **PATIENT)
+    # The tree first: all that is shown of it can wait. Tasks get no tags, for Prefect asks for slots by each of them.
+    stages.end_progress()
+    tag_run(tags_of(choice))
+    show_learned(publication, learned)
+    show_publication(publication, learned)
+    show_timings(publication, stages.seconds)
+    return publication
 
 
-@task(name="choose demonstrations", **PATIENT)
-def choose_demonstrations(root: str, task_name: str, include_unknown: bool, include_gaps: bool) -> Choice:
-    """Which demonstrations of the task are learned from."""
-    return choose(open_lake(Home(Path(root))), task_name, include_unknown, include_gaps)
+def tags_of(choice: Choice) -> list[str]:
+    """By what a run is found: its task, and the cells and users whose demonstrations it learns from."""
+    return [
+        f"task:{choice.task}",
+        *_named("cell", (demonstration.cell for demonstration in choice.demonstrations)),
+        *_named("user", (demonstration.user for demonstration in choice.demonstrations)),
+    ]
 
 
-@task(name="cluster, infer, plan, verify")
-def learn_tree(choice: Choice, method: str) -> Learned:
-    """The learner's one call: the same demonstrations give the same tree."""
-    return learn_from(choice, method)
-
-
-@task(name="publish", **PATIENT)
-def publish_tree(root: str, choice: Choice, learned: Learned, method: str) -> Publication:
-    """A version in the store, and `latest`."""
-    with open_store(Home(Path(root))) as store:
-        return publish(store, choice, learned, method)
+def _named(what: str, names: Iterable[str]) -> list[str]:
+    return [f"{what}:{name}" for name in sorted(set(names))]

@@ -51,14 +51,15 @@ class Flows:
     ) -> None:
         self._stack.close()
 
-    def start(self, session: zenoh.Session, stop: threading.Event) -> str:
-        """Where Prefect answers, once it does and the flows are warm, or neither is to be expected soon.
+    def start(self, session: zenoh.Session, store_url: str, stop: threading.Event) -> str:
+        """Where Prefect answers, once it does and the flows are warm, or neither is to be expected soon. The store is
+        served at `store_url`.
 
         Raises UnreachableError for a server of somebody else that does not answer, CommandError for a port in use,
         StoppedError if `stop` is set meanwhile.
         """
         url, server = self._server()
-        self._runner = runner = self._start_runner(url)
+        self._runner = runner = self._start_runner(url, store_url)
         subscriber = session.declare_subscriber(RECORDER_EVENTS, lambda sample: self.hear(sample.payload.to_bytes()))
         self._stack.callback(subscriber.undeclare)
         if server is not None:
@@ -100,9 +101,9 @@ class Flows:
         url = api_url(self.settings.prefect_port)
         return url, self._kept(lambda: prefect_server(self.home, url, os.environ), lambda _: is_ready(url))
 
-    def _start_runner(self, url: str) -> Keeper:
+    def _start_runner(self, url: str, store_url: str) -> Keeper:
         period_s, learners = self.settings.period_s, self.settings.learners
-        return self._kept(lambda: flow_runner(self.home, url, period_s, learners, os.environ), _Warm().says)
+        return self._kept(lambda: flow_runner(self.home, url, store_url, period_s, learners, os.environ), _Warm().says)
 
     def _kept(self, make: Callable[[], Child], ready: Callable[[Child], bool]) -> Keeper:
         return self._stack.enter_context(Keeper(make, ready, self._tell, START_S))

@@ -20,6 +20,8 @@ from pipelines.home import Home
 from pipelines.service.child import Child
 
 HOST: Final = "127.0.0.1"
+STORE_HTTP: Final = "TREEWRIGHT_STORE_HTTP"
+"""The variable that tells the flows where the store is served, for links to it."""
 LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
 START_S: Final = 180.0
 """A cold server needs about 20 s, on a busy machine several times that."""
@@ -71,11 +73,13 @@ def prefect_server(home: Home, url: str, environment: Mapping[str, str]) -> Chil
     return Child("Prefect server", command, {**without_proxy(environment), **own}, home.logs / "prefect-server.log")
 
 
-def flow_runner(home: Home, url: str, period_s: float, learners: int, environment: Mapping[str, str]) -> Child:
+def flow_runner(
+    home: Home, url: str, store_url: str, period_s: float, learners: int, environment: Mapping[str, str]
+) -> Child:
     """The process that ingests and learns what it is told of and what it finds every `period_s` [s], in flows of the
-    server at `url` while that answers. It says {"ready": true} when it is warm.
+    server at `url` while that answers; the store is served at `store_url`. It says {"ready": true} when it is warm.
     """
-    own = {**QUIET, **IMPATIENT, "PREFECT_HOME": str(home.prefect), "PREFECT_API_URL": url}
+    own = {**QUIET, **IMPATIENT, "PREFECT_HOME": str(home.prefect), "PREFECT_API_URL": url, STORE_HTTP: store_url}
     command = [sys.executable, "-m", "pipelines.flows.process", str(home.root), str(period_s), str(learners)]
     name, log = "process of the flows", home.logs / "flows.log"
     return Child(name, command, {**without_proxy(environment), **own}, log, speaks_json=True, listens=True)

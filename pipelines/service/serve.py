@@ -85,7 +85,7 @@ def service(
         stack.enter_context(owned(session, f"{PREFIX}/serve", "an artifact store of this network"))
         stack.enter_context(StoreOnZenoh(session, store))
         stack.enter_context(flows)
-        prefect = flows.start(session, stop) if settings.flows else None
+        prefect = flows.start(session, http.url, stop) if settings.flows else None
         yield Service(store, http.url, prefect, before, told)
 
 

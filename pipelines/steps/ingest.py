@@ -48,6 +48,7 @@ class Ingested:
 
     demonstration_id: str
     task: str
+    cell: str
     user: str
     outcome: str
     actions: int
@@ -60,7 +61,7 @@ class Ingested:
         d = demonstration
         warnings = (*warnings_of(d), *d.gaps)
         doubted = tuple(doubts(d, InferenceParameters()))
-        return cls(d.demonstration_id, d.task, d.user, d.outcome, len(d.actions), warnings, doubted)
+        return cls(d.demonstration_id, d.task, d.cell, d.user, d.outcome, len(d.actions), warnings, doubted)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from learner.observation.doubts import doubts_of
 from learner.parameters import Parameters
 from learner.planning.actions import scene_of
 from learner.progress import tell
+from learner.stages import UNSEEN, Stages
 from pipelines.console import silent_standard_error
 from pipelines.errors import CommandError
 from pipelines.home import Home
@@ -92,18 +93,24 @@ def learn_task(
     include_unknown: bool = False,
     include_gaps: bool = False,
     parameters: Parameters | None = None,
+    stages: Stages = UNSEEN,
 ) -> Publication:
     """The whole way for one task: choose, learn and rehearse, publish. Raises what its steps raise."""
     choice = choose(lake, task, include_unknown, include_gaps)
-    return publish(store, choice, learn_from(choice, method, parameters), method)
+    return publish(store, choice, learn_from(choice, method, parameters, stages), method)
 
 
-def learn_from(choice: Choice, method: str = DEFAULT_METHOD, parameters: Parameters | None = None) -> Learned:
+def learn_from(
+    choice: Choice,
+    method: str = DEFAULT_METHOD,
+    parameters: Parameters | None = None,
+    stages: Stages = UNSEEN,
+) -> Learned:
     """Learn and rehearse; where the scene is known, replay with the arm. Raises NothingLearnedError."""
     if _scene_known(choice):
         with silent_standard_error():
             import learner.simulation.physical_world  # noqa: F401  # takes a fifth of a second, and is rarely needed
-    return learn(choice.demonstrations, parameters, method, rehearsed=True)
+    return learn(choice.demonstrations, parameters, method, rehearsed=True, stages=stages)
 
 
 def choose(lake: Lake, task: str, include_unknown: bool = False, include_gaps: bool = False) -> Choice:

@@ -75,7 +75,7 @@ def test_the_flows_ran_on_the_server_and_show_what_a_person_wants_to_see(report:
         ))  # fmt: skip
         shown = {key for (key,) in database.execute("select key from artifact where key is not null")}
     assert runs == {"refresh": "COMPLETED", "ingest": "COMPLETED", "learn": "COMPLETED"}
-    assert {"ingested", "tree-object-in-box", "publication-object-in-box", "clusters-object-in-box"} <= shown
+    assert {"ingested", "tree-object-in-box", "timings-object-in-box", "clusters-object-in-box"} <= shown
 
 
 def test_no_process_outlives_the_demo(report: dict[str, Any], folder: Path) -> None:

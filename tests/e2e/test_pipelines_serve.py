@@ -29,6 +29,7 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 TASK = "object_in_box"
 BUSY = 503
 """What a server on SQLite answers while another writes: ask again."""
+STAGES = ["choose", "cluster", "infer", "plan", "rehearse", "prove", "replay", "publish"]
 NOWHERE = "http://127.0.0.1:9"
 PROXIES = dict.fromkeys(("HTTP_PROXY", "http_proxy", "HTTPS_PROXY", "https_proxy", "ALL_PROXY"), NOWHERE)
 """Nothing on this machine is asked through them."""
@@ -60,10 +61,12 @@ class Served:
         return told
 
     def tell(self, file: Path) -> None:
-        """What a recorder says when a recording is finished."""
+        """What a recorder says when a recording is finished, among what anybody may say."""
         network = argparse.Namespace(connect=[self.endpoint], listen=None, zenoh_config=None)
         with open_session(network, {}) as session:
-            session.put("treewright/bench/recorder/events", json.dumps({"event": "stop", "file": str(file)}))
+            told = ({"event": "stop", "file": each} for each in ("/etc/passwd", 7, "\0", str(file)))
+            for document in ("nothing", {"event": "stop"}, *told):
+                session.put("treewright/bench/recorder/events", json.dumps(document))
 
     def kill(self, words: str) -> None:
         """End a process of the service as a crash does."""
@@ -124,14 +127,33 @@ def test_what_breaks_the_contract_is_quarantined_once(served: Served) -> None:
     assert "version '8' of the contract" in refused.reason
 
 
-def test_prefect_shows_tree_clusters_groups_and_quarantine(served: Served) -> None:
-    artifacts = served.ask_prefect("/artifacts/latest/filter", {})
-    kinds = {artifact["key"]: artifact["type"] for artifact in artifacts}
-    assert kinds["quarantine"] == kinds[f"clusters-{TASK.replace('_', '-')}"] == "table"
-    assert kinds[f"groups-{TASK.replace('_', '-')}"] == "table"
-    assert kinds[f"tree-{TASK.replace('_', '-')}"] == "image"
-    quarantine = next(artifact for artifact in artifacts if artifact["key"] == "quarantine")
-    assert "version '8' of the contract" in quarantine["data"]
+def test_prefect_shows_clusters_goals_tree_timings_and_quarantine(served: Served) -> None:
+    def artifacts() -> dict[str, dict[str, Any]]:
+        found = served.ask_prefect("/artifacts/latest/filter", {})
+        return {artifact["key"].removesuffix("-object-in-box"): artifact for artifact in found}
+
+    wait_until(lambda: {"quarantine", "clusters", "targets", "goals", "tree", "timings"} <= artifacts().keys())
+    shown = artifacts()
+    assert "version '8' of the contract" in shown["quarantine"]["data"]
+    assert "bad.mcap](file:///" in shown["quarantine"]["data"]
+    assert shown["clusters"]["data"].startswith("data:image/svg+xml,%3Csvg")
+    assert "Drop A box" in shown["tree"]["data"]
+    assert f"{served.serving['http']}/v1/tasks/{TASK}/" in shown["tree"]["data"]
+    assert [row["stage"] for row in json.loads(shown["timings"]["data"])] == STAGES
+
+
+def test_prefect_shows_each_stage_as_a_task_that_says_what_came_out(served: Served) -> None:
+    (first, *_) = served.ask_prefect("/flow_runs/filter", {"flows": {"name": {"any_": ["learn"]}}})
+    assert first["name"] == f"learn {TASK}"
+    assert {f"task:{TASK}", "cell:bench", "user:u1"} <= set(first["tags"])
+    of_run = {"flow_runs": {"id": {"any_": [first["id"]]}}}
+    wait_until(lambda: len(served.ask_prefect("/task_runs/filter", of_run)) >= len(STAGES))
+    tasks = {run["name"].rsplit("-", 1)[0]: run for run in served.ask_prefect("/task_runs/filter", of_run)}
+    assert tasks.keys() == set(STAGES)
+    logs = served.ask_prefect("/logs/filter", {"logs": {"flow_run_id": {"any_": [first["id"]]}}})
+    said = "\n".join(log["message"] for log in logs)
+    for words in ("demonstrations of 1 user", "in the frame box", "1 group", "a tree of", "rollouts", "proven", TASK):
+        assert words in said
 
 
 def test_learn_runs_the_flow_where_a_prefect_server_is_configured(served: Served) -> None:

@@ -28,7 +28,7 @@ IO = {"zenoh", "mcap", "pyarrow", "deltalake", "sqlalchemy", "fastapi", "uvicorn
 
 ORDER = {
     "learner": (
-        "errors progress",
+        "errors progress stages",
         "model",
         "numbers",
         "observation relations",
