@@ -7,8 +7,9 @@ passes if it was Prefect's, and is raised if it was not.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from pipelines.console import silent_standard_error
 from pipelines.errors import CommandError
@@ -22,12 +23,15 @@ from pipelines.steps.stores import open_lake, open_store
 Result = TypeVar("Result")
 
 
-def warm_up() -> str:
-    """Import what the other jobs need."""
-    with silent_standard_error():
-        import learner.simulation.physical_world  # noqa: F401
-    import pipelines.flows.refresh  # noqa: F401
+NEEDED: Final = ("pipelines.flows.jobs", "pipelines.flows.refresh", "learner.simulation.physical_world")
+"""What the jobs import when they run."""
 
+
+def warm_up() -> str:
+    """Import what the other jobs need, where that is not done."""
+    with silent_standard_error():
+        for module in NEEDED:
+            import_module(module)
     return "warm"
 
 

@@ -17,6 +17,8 @@ from typing import TextIO
 from pipelines.flows import log
 from pipelines.flows.deployments import serve_flows
 from pipelines.flows.dispatcher import Dispatcher
+from pipelines.flows.jobs import NEEDED
+from pipelines.flows.worker import preload
 from pipelines.home import Home
 
 
@@ -25,6 +27,7 @@ def main(root: str, period_s: str, learners: str) -> None:
     log.begin()
     say = _own_standard_output()
     home = Home(Path(root))
+    preload(NEEDED)
     dispatcher = Dispatcher(home, float(period_s), int(learners))
     dispatcher.warm_up()
     threading.Thread(target=_listen, args=(dispatcher,), name="listen", daemon=True).start()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from multiprocessing import get_context
+from collections.abc import Callable, Sequence
+from multiprocessing import get_context, set_forkserver_preload
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from types import TracebackType
@@ -28,11 +28,17 @@ class JobGivenUpError(Exception):
     """A job was ended because what it depends on was gone."""
 
 
-class Worker:
-    """The process of one thread, from entering to leaving the context.
+def preload(modules: Sequence[str]) -> None:
+    """Let each process have imported these modules; to be called before the first of them starts."""
+    set_forkserver_preload(list(modules))
 
-    Spawned, for a fork of a process with threads may hold their locks for ever. It ends with ours: its end of the
-    pipe is closed then.
+
+class Worker:
+    """The process of one thread, from entering to leaving the context. It ends with ours: its pipe ends then.
+
+    It is forked from a process that has imported what `preload` names and runs no code of ours, so that it is there at
+    once, and what was imported is in memory once. A fork of our own process, with its threads, could hold their locks
+    for ever.
     """
 
     def __init__(self, name: str) -> None:
@@ -69,7 +75,7 @@ class Worker:
     def _pipe_to_process(self) -> Connection:
         if self._process is None or not self._process.is_alive():
             self._end()
-            context = get_context("spawn")
+            context = get_context("forkserver")
             self._pipe, theirs = context.Pipe()
             self._process = context.Process(target=_work, args=(theirs,), name=self.name, daemon=True)
             self._process.start()

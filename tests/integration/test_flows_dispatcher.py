@@ -15,6 +15,8 @@ from support_processes import wait_until
 from support_recordings import object_in_box
 
 from pipelines.flows.dispatcher import Absence, Dispatcher
+from pipelines.flows.jobs import NEEDED
+from pipelines.flows.worker import preload
 from pipelines.home import Home
 from pipelines.steps.changes import changed_tasks, standings
 from pipelines.steps.learn import learning
@@ -51,6 +53,7 @@ def floor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Floor]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
         home = Home(tmp_path_factory.mktemp("floor"))
+        preload(NEEDED)
         dispatcher = Dispatcher(home, PERIOD_S, learners=2)
         dispatcher.warm_up()
         dispatcher.begin()
