@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -100,14 +100,16 @@ def moves_of(samples: Samples, parameters: InferenceParameters) -> tuple[Moves, 
     Left out are what the very next move corrects, and what was put back to where this demonstration had put it before.
     """
     pairs = _pairs(samples)
-    moved_m = _displacements_m(pairs)
-    everything = Moves(samples, pairs.pick, pairs.release, moved_m < parameters.put_back_m)
+    moved_m = _displacements_m(pairs, pairs.pick)
     left_alone = moved_m < parameters.left_alone_m
-    kept = np.ones(len(everything), dtype=np.bool_)
+    kept = np.ones(len(pairs), dtype=np.bool_)
     left_out: dict[int, str] = {}
-    for numbers in _repeating(everything):
+    for numbers in _repeating(pairs):
         kept[numbers] = False
-        kept[_cleaned(numbers, everything, left_alone, left_out)] = True
+        kept[_cleaned(numbers, pairs, left_alone, left_out)] = True
+    altogether_m = _displacements_m(pairs, _first_picks(pairs, left_out))
+    put_back = np.maximum(moved_m, altogether_m) < parameters.put_back_m
+    everything = Moves(samples, pairs.pick, pairs.release, put_back)
     others = sorted(left_out)
     return everything.select(np.flatnonzero(kept)), LeftOut(
         everything.select(others), tuple(left_out[n] for n in others)
@@ -122,10 +124,19 @@ def _pairs(samples: Samples) -> Moves:
     return Moves(samples, picks, np.where(paired, following, NONE), np.zeros(len(picks), dtype=np.bool_))
 
 
-def _displacements_m(pairs: Moves) -> Array:
-    """How far each object came in the base [m] from where it was picked up to where it rests; inf if it is held."""
+def _first_picks(pairs: Moves, left_out: Mapping[int, str]) -> Rows:
+    """The pick of each move (m,); of one that corrects another, the pick of that one."""
+    picks = pairs.pick.copy()
+    for number, reason in sorted(left_out.items()):
+        if reason == MOVED_AGAIN:
+            picks[number + 1] = picks[number]
+    return picks
+
+
+def _displacements_m(pairs: Moves, picks: Rows) -> Array:
+    """How far each object came in the base [m] from where it was at its pick to where it rests; inf if it is held."""
     samples, base = pairs.samples, pairs.samples.base
-    before = samples.release(base).positions[pairs.pick]
+    before = samples.release(base).positions[picks]
     after = samples.rest(base).positions[pairs.release]
     moved_m = np.linalg.norm(after - before, axis=1)
     return np.where(pairs.released & samples.rest_known[pairs.release], moved_m, np.inf)
