@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from learner.inference.goals import Group
 from learner.inference.moves import Moves
-from learner.inference.questions import questions
 from learner.inference.understanding import Understanding, understand
 from learner.inference.users import agreement, understood_without
 from learner.learned import Learned
@@ -19,6 +19,7 @@ from learner.model.doubt import Doubt
 from learner.parameters import Parameters
 from learner.planning.draft import Draft
 from learner.regularities.doubting import asked_about, doubts_about
+from learner.regularities.questions import questions
 from learner.stages import UNSEEN, Stages
 
 _REASONS = {True: "was put back", False: "was put where others do not put it, or did not stay"}
@@ -103,6 +104,7 @@ def _report(
             {
                 "demonstrations": [ids[number] for number in group.demonstrations],
                 "goal": [f"{subgoal.target.object} at {subgoal.target.frame}" for subgoal in group.subgoals],
+                **_stops(group),
             }
             for group in understood.groups
         ],
@@ -112,3 +114,9 @@ def _report(
             {ids[n] for n, d in enumerate(demonstrations) if any(not action.rest_seen for action in d.actions)}
         ),
     }
+
+
+def _stops(group: Group) -> dict[str, Any]:
+    """Where objects are brought on the way, if anywhere."""
+    stops = [stop for subgoal in group.subgoals for each in subgoal.every() for stop in each.stops]
+    return {"stops": [f"{stop.object} at {stop.frame}" for stop in stops]} if stops else {}

@@ -34,7 +34,7 @@ def find_targets(moves: Moves, parameters: InferenceParameters) -> list[Target]:
         plain = _of_object(numbers, moves, enough, parameters) or _pairs(numbers, moves, parameters)
         found += _richer_if_better(plain, numbers, moves, parameters)
     anchored = anchors_of(moves, found)
-    return [_with_ties(target, anchored, moves, parameters) for target in found]
+    return [with_ties(target, anchored, moves, parameters) for target in found]
 
 
 def _richer_if_better(
@@ -213,7 +213,7 @@ def _contexts(
     return [target for target in found if target]
 
 
-def _with_ties(target: Target, anchored: Anchored, moves: Moves, parameters: InferenceParameters) -> Target:
+def with_ties(target: Target, anchored: Anchored, moves: Moves, parameters: InferenceParameters) -> Target:
     """With the frames that the task keeps rigid with the chosen one.
 
     Of those, what the object rests upon is chosen: there it is to lie whatever becomes of the rest.

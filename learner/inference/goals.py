@@ -1,20 +1,22 @@
 """Goals by geometry, groups of demonstrations with one goal, and the order in which a group reaches its targets.
 
 The paper's section III-D, with goals compared as sets of targets instead of as text, orders that any demonstration
-reverses dropped, and each placement that is given up again kept only as a guard of what was done meanwhile.
+reverses dropped, and each placement that is given up again kept as a guard of what was done meanwhile, or, where
+nothing was, as a stop on the way.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
 from learner.inference.chains import Chains, ordered
 from learner.inference.parameters import InferenceParameters
-from learner.inference.samples import Names, Samples
+from learner.inference.samples import Names, Samples, posed
 from learner.inference.targets import Target
 from learner.model.poses import Mask, Rows
 
@@ -23,21 +25,28 @@ Goal = frozenset[Target]
 
 @dataclass(frozen=True)
 class Subgoal:
-    """A target to reach, and the guards: subgoals whose targets must hold while it is pursued."""
+    """A target to reach, the guards: subgoals whose targets must hold while it is pursued, and the stops: targets that
+    its object is brought to on the way, in this order.
+    """
 
     target: Target
     guards: tuple[Subgoal, ...] = ()
+    stops: tuple[Target, ...] = ()
+
+    def every(self) -> list[Subgoal]:
+        """Every subgoal in it, guards first."""
+        return [*(each for guard in self.guards for each in guard.every()), self]
 
     def targets(self) -> list[Target]:
         """Every target in it, guards first."""
-        return [target for guard in self.guards for target in guard.targets()] + [self.target]
+        return [target for each in self.every() for target in (*each.stops, each.target)]
 
 
 @dataclass(frozen=True)
 class Group:
     """Demonstrations with one goal: the subgoals in order, and what the gripper holds at the end (None: nothing).
 
-    `idle` are targets that most of them reach only on the way, and that guard nothing.
+    `idle` are targets that most of them reach only on the way to where the object stood at the start.
     """
 
     demonstrations: tuple[int, ...]
@@ -86,6 +95,26 @@ def _guards(place: int, segment: Sequence[int], sequence: Sequence[Target]) -> t
     return tuple(guards), others
 
 
+def _with_stops(
+    subgoals: Sequence[Subgoal], idle: Collection[Target], sequence: Sequence[Target]
+) -> tuple[Subgoal, ...]:
+    """The subgoals, each with the idle targets that its object reaches since the one of it before."""
+    return tuple(
+        replace(
+            subgoal,
+            guards=_with_stops(subgoal.guards, idle, sequence),
+            stops=_stops(subgoal.target, idle, sequence),
+        )
+        for subgoal in subgoals
+    )
+
+
+def _stops(target: Target, idle: Collection[Target], sequence: Sequence[Target]) -> tuple[Target, ...]:
+    """The idle targets of an object right before one that is not."""
+    before = [other for other in sequence[: sequence.index(target)] if other.object == target.object]
+    return tuple(reversed(list(takewhile(lambda other: other in idle, reversed(before)))))
+
+
 def _left_at(place: int, sequence: Sequence[Target]) -> int:
     """The place at which the object of `sequence[place]` is moved on."""
     later = (other for other in range(place + 1, len(sequence)) if sequence[other].object == sequence[place].object)
@@ -107,7 +136,7 @@ def groups_of(samples: Samples, chains: Chains, held: Names, parameters: Inferen
         inside = np.array([other <= goal for other in goals], dtype=np.bool_)[of]
         lacking = [tuple(sorted(target.object for target in goal - other)) for other in goals]
         missing = [lacking[number] for number in of[inside].tolist()]
-        found.append(_group(goal, pursued[inside], missing, chains, held, samples))
+        found.append(_group(goal, pursued[inside], missing, chains, held, samples, parameters.same_goal_m))
     return _shared(sorted(found, key=lambda g: (-len(g.demonstrations), g.demonstrations)), samples, parameters)
 
 
@@ -145,6 +174,15 @@ def _holds_at_end(target: Target, samples: Samples, radius_m: float) -> Mask:
     return np.asarray(np.linalg.norm(here - target.rests.positions.mean(axis=0), axis=1) < radius_m)
 
 
+def began_at(target: Target, members: Rows, samples: Samples, radius_m: float) -> bool:
+    """Whether the object lay at a target already when most of these demonstrations began."""
+    seen, count = samples.columns.begins, len(samples.columns.demonstrations)
+    frame, own = (posed(name, samples.base, seen, count)[samples.numbers] for name in (target.frame, target.object))
+    here = (frame.inverse() @ own).positions[members]
+    away_m = np.linalg.norm(here - target.rests.positions.mean(axis=0), axis=1)
+    return bool(2 * (away_m < radius_m).sum() > len(members))
+
+
 def _shared(groups: list[Group], samples: Samples, parameters: InferenceParameters) -> list[Group]:
     """The groups that enough demonstrations and users share, with a note on the others; all where none is."""
     everyone, count = len(np.unique(samples.users)), len(samples.numbers)
@@ -165,17 +203,28 @@ def _shared(groups: list[Group], samples: Samples, parameters: InferenceParamete
 
 
 def _group(
-    goal: Goal, members: Rows, missing: Sequence[tuple[str, ...]], chains: Chains, held: Names, samples: Samples
-) -> Group:
+    goal: Goal, members: Rows, missing: Sequence[tuple[str, ...]], chains: Chains, held: Names, samples: Samples,
+    radius_m: float,
+) -> Group:  # fmt: skip
     """The group of the demonstrations in `members` (m,), of whose goal each left the objects in `missing` alone."""
     shown = chains.select(members)
     usual = [target for target, count in shown.counts().items() if target not in goal and 2 * count > len(members)]
-    subgoals, idle = subgoals_of(ordered([*goal, *usual], shown))
+    sequence = ordered([*goal, *usual], shown)
+    subgoals, idle = subgoals_of(sequence)
+    home = {target.object for target in goal if began_at(target, members, samples, radius_m)}
+    stops = {target for target in idle if target.object not in home}
     notes = []
     for number, names in zip(members, missing, strict=True):
         if names:
             name = samples.demonstrations[number].demonstration_id
             notes.append(f"demonstration {name} did not place {', '.join(names)}; the goal of the others stands")
+    for number, stop in ((number, stop) for stop in idle if stop in stops for number in members):
+        if stop not in chains.distinct[chains.of[number]]:
+            name = samples.demonstrations[number].demonstration_id
+            notes.append(
+                f"demonstration {name} did not bring {stop.object} to {stop.frame}; the tree does, as the others"
+            )
     kept = Counter(held[members][held[members] != ""].tolist()).most_common(1)
     in_hand = kept[0][0] if kept and 2 * kept[0][1] > len(members) else None
-    return Group(tuple(members.tolist()), subgoals, in_hand, tuple(notes), tuple(idle))
+    subgoals = _with_stops(subgoals, stops, sequence)
+    return Group(tuple(members.tolist()), subgoals, in_hand, tuple(notes), tuple(t for t in idle if t not in stops))

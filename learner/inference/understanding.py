@@ -15,6 +15,7 @@ from learner.inference.moves import LeftOut, Moves, moves_of
 from learner.inference.parameters import InferenceParameters
 from learner.inference.samples import Names, Samples
 from learner.inference.targets import Target, alone
+from learner.inference.visits import with_visits
 from learner.model import Demonstration
 from learner.model.poses import Rows
 from learner.stages import UNSEEN, Stages
@@ -29,8 +30,8 @@ class Understanding:
     """What was understood of some demonstrations with these `parameters`.
 
     `strange` are the numbers of moves that belong to no target; `left_out` moves that do not count, `passed` the
-    targets among those of them that were moved on at once; `fleeting` are targets of strange moves at which the object
-    did not stay.
+    targets among those of them that were moved on at once, and are no steps of the task; `fleeting`
+    are targets of strange moves at which the object did not stay.
     """
 
     parameters: InferenceParameters
@@ -82,6 +83,7 @@ def _meant(
     moves: Moves, left_out: LeftOut, targets: Sequence[Target], parameters: InferenceParameters
 ) -> Understanding:
     """What the moves to these targets mean."""
+    moves, left_out, targets = with_visits(moves, left_out, targets, parameters)
     chains = chains_of(moves, targets)
     if not chains.lengths.any() and moves.released.any():
         targets = [alone(int(n), moves, parameters) for n in np.flatnonzero(moves.released & ~moves.put_back)]

@@ -6,13 +6,14 @@ stands in SubTrees whose ID begins with `Recover_`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from learner.inference.goals import Subgoal
 from learner.inference.targets import Target
-from learner.model import Definition, InGripper, Node, ObjectAt
+from learner.model import Definition, InGripper, Node, ObjectAt, Place
 from learner.model.tree import fallback, first_of, guarded, leaf, negated, sequence
 from learner.model.vocabulary import RECOVERY_PREFIX
 from learner.planning.obstacles import Obstacles
@@ -22,10 +23,11 @@ from learner.planning.spots import Spots, put_down
 
 @dataclass(frozen=True, eq=False)
 class DemonstratedRecovery:
-    """Takes down what was shown to lie upon something."""
+    """Takes down what was shown to lie upon something, and frees a stop of what else stops there."""
 
     obstacles: Obstacles
     targets: Sequence[Target]
+    stops: Sequence[Target] = ()
 
     @property
     def definitions(self) -> Sequence[Definition]:
@@ -41,10 +43,11 @@ class DemonstratedRecovery:
         target, ids, placements = subgoal.target, self.obstacles.ids, self.obstacles.actions.placements
         settled = self._grounded(done)
         covers = [cover for cover in self._covers if cover.frame == target.object and cover.object not in settled]
-        if not covers:
+        left = self._left_at(target)
+        if not covers and not left:
             return None
         finished = [leaf(placements[way.target].achieves) for way in (subgoal, *instead)]
-        body = fallback(*finished, self._cleared(target.object, covers))
+        body = fallback(*finished, self._cleared(target.object, covers, left))
         return Definition(f"{RECOVERY_PREFIX}Room_for_{ids[target.object]}_at_{ids[target.frame]}", body)
 
     def standing(self, subgoal: Subgoal) -> Sequence[Node]:
@@ -68,10 +71,20 @@ class DemonstratedRecovery:
             grounded |= {t.object for t in done if t.frame not in self.obstacles.picks or t.frame in grounded}
         return grounded
 
-    def _cleared(self, name: str, covers: Sequence[ObjectAt]) -> Node:
+    def _left_at(self, target: Target) -> list[ObjectAt]:
+        """The stops of other objects at a target: one of them may have been left there."""
+        placements, near_m = self.obstacles.actions.placements, self.obstacles.parameters.cover_radius_m
+        here, others = placements[target], [stop for stop in self.stops if stop.object != target.object]
+        places = [place for stop in others if isinstance(place := placements[stop], Place)]
+        same = [place for place in places if place.frame == here.frame and math.dist(place.rest, here.rest) < near_m]
+        return [place.achieves for place in same] if isinstance(here, Place) else []
+
+    def _cleared(self, name: str, covers: Sequence[ObjectAt], left: Sequence[ObjectAt]) -> Node:
         held = leaf(InGripper(name))
-        clear = fallback(held, sequence(*(negated(leaf(cover)) for cover in covers)))
-        lifts = first_of([guarded(cover, self._off(cover)) for cover in covers])
+        uncovered = [fallback(held, sequence(*(negated(leaf(cover)) for cover in covers)))] if covers else []
+        free = [*(negated(leaf(other)) for other in left), *uncovered]
+        clear = free[0] if len(free) == 1 else sequence(*free)
+        lifts = first_of([guarded(other, self._off(other)) for other in (*left, *covers)])
         return sequence(fallback(clear, sequence(put_down(), lifts), reactive=False), fallback(held, put_down()))
 
     def _off(self, cover: ObjectAt, below: tuple[str, ...] = ()) -> Node:

@@ -58,8 +58,12 @@ class Draft:
     def recovery(self, actions: LearnedActions) -> RelationalRecovery | DemonstratedRecovery:
         """By relations, where shapes are known."""
         obstacles = Obstacles(self.understood.demonstrations, actions)
-        kind = RelationalRecovery if obstacles.has_scene else DemonstratedRecovery
-        return kind(obstacles, self.shared_targets())
+        if obstacles.has_scene:
+            return RelationalRecovery(obstacles, self.shared_targets())
+        subgoals = [each for group in self.understood.groups for subgoal in group.subgoals for each in subgoal.every()]
+        return DemonstratedRecovery(
+            obstacles, self.shared_targets(), [stop for each in subgoals for stop in each.stops]
+        )
 
     def shared_targets(self) -> list[Target]:
         """The targets that a demonstration of some group reached; not those of somebody who means another task."""

@@ -9,6 +9,9 @@ is not held.
 The Fallback of a target has memory: an object that lies within the noise of a radius seems now placed, now not, and is
 then taken and placed once rather than reached for and let be again and again. Making room for it is not done with
 memory, so that one wrong look does not take a tower apart.
+
+Where an object is brought to stops on its way, its chain is a Sequence with memory: each stop as a target of its own,
+then the object in hand and placed. What was visited is so not visited again until something fails or is disturbed.
 """
 
 from __future__ import annotations
@@ -69,7 +72,7 @@ class _Builder:
         choice = self._choice(middles, first.subgoals[:begin])
         before, after = first.subgoals[:begin], first.subgoals[len(first.subgoals) - end :]
         nodes = [*self._subgoals(before, ()), *choice, *self._subgoals(after, before), *self._held(first)]
-        return nodes[0] if len(nodes) == 1 else sequence(*nodes)
+        return _in_turn(*nodes)
 
     def _choice(self, middles: Sequence[Sequence[Subgoal]], done: Sequence[Subgoal]) -> Sequence[Node]:
         """One of several ways: a finished one is left alone, else the first that does not fail is pursued.
@@ -95,10 +98,10 @@ class _Builder:
         tests = [self._condition(subgoal) for subgoal in subgoals]
         if first.guards and {subgoal.guards for subgoal in others} == {first.guards}:
             guards, known = self._subgoals(first.guards, done), (*done, *first.guards)
-            chains = [sequence(*self._room(subgoal, known), *self._placed(subgoal)) for subgoal in subgoals]
+            chains = [_in_turn(*self._room(subgoal, known), *self._placed(subgoal, known)) for subgoal in subgoals]
             return (fallback(*tests, sequence(*guards, fallback(*chains, reactive=False)), reactive=False),)
         room = () if first.guards else self._room(first, done, others)
-        chain = self._chain(first, done) if first.guards else sequence(*self._placed(first))
+        chain = self._chain(first, done) if first.guards else _in_turn(*self._placed(first, done))
         chains = [chain, *(self._chain(subgoal, done) for subgoal in others)]
         return (*room, fallback(*tests, *chains, reactive=False))
 
@@ -126,7 +129,7 @@ class _Builder:
             earlier = (*done, *subgoals[:place])
             nodes += [node for node in self.recovery.standing(subgoal) if node not in nodes]
             nodes += () if subgoal.guards else self._room(subgoal, earlier)
-            chain = self._chain(subgoal, earlier) if subgoal.guards else sequence(*self._placed(subgoal))
+            chain = self._chain(subgoal, earlier) if subgoal.guards else _in_turn(*self._placed(subgoal, earlier))
             otherwise = self.recovery.otherwise(subgoal)
             nodes.append(fallback(self._condition(subgoal), chain, *otherwise, reactive=False))
         return nodes
@@ -137,7 +140,8 @@ class _Builder:
     def _chain(self, subgoal: Subgoal, done: Sequence[Subgoal]) -> Node:
         """The guards, room made, the object in hand, and the placement."""
         guards = self._subgoals(subgoal.guards, done)
-        return sequence(*guards, *self._room(subgoal, (*done, *subgoal.guards)), *self._placed(subgoal))
+        known = (*done, *subgoal.guards)
+        return _in_turn(*guards, *self._room(subgoal, known), *self._placed(subgoal, known))
 
     def _room(self, subgoal: Subgoal, done: Sequence[Subgoal], instead: Sequence[Subgoal] = ()) -> Sequence[Node]:
         room = self.recovery.before(subgoal, [other.target for other in done], instead)
@@ -155,8 +159,18 @@ class _Builder:
             candidate = f"{tree_id}_{number}"
         return candidate
 
-    def _placed(self, subgoal: Subgoal) -> tuple[Node, Node]:
-        return hold(subgoal.target.object, self.actions), leaf(self._placement(subgoal))
+    def _placed(self, subgoal: Subgoal, done: Sequence[Subgoal]) -> Sequence[Node]:
+        """The object in hand and placed; with memory, where it is brought to stops before, each once."""
+        placed = (hold(subgoal.target.object, self.actions), leaf(self._placement(subgoal)))
+        if not subgoal.stops:
+            return placed
+        stops = (self._visited(Subgoal(stop), done) for stop in subgoal.stops)
+        return (sequence(*stops, *placed, reactive=False),)
+
+    def _visited(self, stop: Subgoal, done: Sequence[Subgoal]) -> Node:
+        """A stop reached, unless the object is there."""
+        chain = sequence(*self._room(stop, done), *self._placed(stop, done))
+        return fallback(self._condition(stop), chain, reactive=False)
 
     def _placement(self, subgoal: Subgoal) -> Place | Drop:
         return self.actions.placements[subgoal.target]
@@ -165,6 +179,11 @@ class _Builder:
 def _common(lists: Sequence[Sequence[Subgoal]]) -> int:
     """How many first subgoals all lists share."""
     return next((k for k, firsts in enumerate(zip(*lists, strict=False)) if len(set(firsts)) > 1), min(map(len, lists)))
+
+
+def _in_turn(*nodes: Node) -> Node:
+    """A reactive Sequence; of one node, that node."""
+    return nodes[0] if len(nodes) == 1 else sequence(*nodes)
 
 
 def hold(name: str, actions: LearnedActions) -> Node:

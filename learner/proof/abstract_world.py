@@ -32,6 +32,7 @@ from learner.proof.parameters import ProofParameters
 from learner.relations.things import NO_THINGS, Things
 
 NOBODY: Final = -1
+NOTHING: Final = -1
 AWAY: Final = 0
 HELD: Final = 1
 FIRST_LOCATION: Final = 2
@@ -63,17 +64,28 @@ class Location:
 
 @dataclass(frozen=True)
 class States:
-    """Many states: `locations` (objects, n) with AWAY, HELD or a location, `closed` (n,)."""
+    """Many states: `locations` (objects, n) with AWAY, HELD or a location, `closed` (n,).
+
+    `resume` (n,) is the place in a tree of the action that was done last, where a Sequence with memory goes on after
+    it, NOTHING where none does; None if there is no such place.
+    """
 
     locations: LocationNumbers
     closed: Bools
+    resume: Ints | None = None
 
     def __len__(self) -> int:
         return len(self.closed)
 
     def take(self, columns: Any) -> States:
         """Some of the states."""
-        return States(self.locations[:, columns], self.closed[columns])
+        resume = None if self.resume is None else self.resume[columns]
+        return States(self.locations[:, columns], self.closed[columns], resume)
+
+    @property
+    def resumed(self) -> Ints:
+        """`resume`, of each state."""
+        return np.full(len(self), NOTHING, dtype=np.intp) if self.resume is None else self.resume
 
     def chunks(self, size: int) -> Iterator[States]:
         """The states in order, so many at a time."""
@@ -84,7 +96,10 @@ class States:
     def joined(parts: Sequence[States]) -> States:
         """All states of some, in order."""
         locations = np.concatenate([part.locations for part in parts], axis=1)
-        return States(locations, np.concatenate([part.closed for part in parts]))
+        closed = np.concatenate([part.closed for part in parts])
+        if all(part.resume is None for part in parts):
+            return States(locations, closed)
+        return States(locations, closed, np.concatenate([part.resumed for part in parts]))
 
 
 @dataclass(frozen=True)

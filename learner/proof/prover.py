@@ -4,15 +4,17 @@ From each state one tick chooses an action and that leads to the next state; so 
 A tree is refuted by a state in which it fails, goes round in a circle, begins an action for which the hand is not as
 it must be, goes on though the task is done, or ends before; and by an action that fails wherever it is begun. All
 states are ticked at once as arrays; nodes with memory count as reactive, since in this world no action is interrupted.
+Only a Sequence with memory that lets go in several of its children goes on after the action that was done last, as long
+as nothing before it has something to do: what it has reached it may leave.
 Where something held is let go in the air, every place at which it may come to rest is followed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -21,12 +23,22 @@ from numpy.typing import NDArray
 from learner.model import Node, SetGripper, Tree
 from learner.model.tree import Value, is_reference
 from learner.model.vocabulary import CONDITIONS, FALLBACKS, LEAVES, QUERIES, SEQUENCES, outputs_of
-from learner.proof.abstract_world import FIRST_LOCATION, NOBODY, AbstractWorld, Bools, Ints, Layout, Location, States
+from learner.proof.abstract_world import (
+    FIRST_LOCATION,
+    NOBODY,
+    NOTHING,
+    AbstractWorld,
+    Bools,
+    Ints,
+    Layout,
+    Location,
+    States,
+)
 from learner.proof.parameters import ProofParameters
 from learner.relations.things import NO_THINGS, Things
 
 FAILURE, RUNNING, SUCCESS = np.int8(0), np.int8(1), np.int8(2)
-NOTHING: Final = -1
+RELEASES: Final = ("Place", "Drop")
 NOT_TO_THE_GOAL = "never to the goal"
 
 
@@ -50,12 +62,23 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Instruction:
-    """A node made ready to be ticked: equal leaves share a `leaf`, while `place` is a leaf's own."""
+    """A node made ready to be ticked: equal leaves share a `leaf`, while `place` is a leaf's own.
+
+    `ends` are the places of leaves whose success is that of the node. A Sequence that remembers begins at the child of
+    number `begins[place]` after an action at one of its `places`; other nodes begin anew.
+    """
 
     kind: str
     children: tuple[Instruction, ...] = ()
     leaf: int = NOTHING
-    place: int = NOTHING
+    places: range = range(0)
+    ends: frozenset[int] = frozenset()
+    begins: Mapping[int, int] = field(default_factory=dict)
+
+    @property
+    def place(self) -> int:
+        """Where a leaf stands in its tree; of other nodes that of their first leaf."""
+        return self.places.start
 
 
 class Program:
@@ -69,13 +92,20 @@ class Program:
         self.reads: list[tuple[tuple[str, Value], ...]] = []
         """Of each leaf the ports that refer to entries."""
         self._numbers: dict[Node, int] = {}
+        self.remembered: set[int] = set()
+        """The places after which a Sequence with memory goes on."""
         self.root = self._instruction(root)
 
     def _instruction(self, node: Node) -> Instruction:
-        if node.children:
-            return Instruction(node.kind, tuple(self._instruction(child) for child in node.children))
-        self.places.append(node)
-        return Instruction(node.kind, (), self.number(node), len(self.places) - 1)
+        first = len(self.places)
+        if not node.children:
+            self.places.append(node)
+            return Instruction(node.kind, (), self.number(node), range(first, first + 1), frozenset([first]))
+        children = tuple(self._instruction(child) for child in node.children)
+        begins = _begins(children) if _remembers(node) else {}
+        self.remembered |= begins.keys()
+        places = range(first, len(self.places))
+        return Instruction(node.kind, children, NOTHING, places, _ends(node.kind, children), begins)
 
     def number(self, leaf: Node) -> int:
         """That of a leaf; one with its entries filled in gets one when it is first met."""
@@ -87,8 +117,27 @@ class Program:
         return self._numbers[leaf]
 
 
+def _remembers(node: Node) -> bool:
+    """Whether a node is a Sequence with memory that lets go in several of its children."""
+    releasing = [any(leaf.kind in RELEASES for leaf in child.walk()) for child in node.children]
+    return node.kind == "Sequence" and sum(releasing) > 1
+
+
+def _begins(children: Sequence[Instruction]) -> dict[int, int]:
+    """At which child it is gone on after an action at a place in one of them; not where that is the first, or none."""
+    after = {place: n + (place in child.ends) for n, child in enumerate(children) for place in child.places}
+    return {place: number for place, number in after.items() if 0 < number < len(children)}
+
+
+def _ends(kind: str, children: Sequence[Instruction]) -> frozenset[int]:
+    """The places in a node of this kind whose success is that of the node."""
+    if kind in FALLBACKS:
+        return frozenset().union(*(child.ends for child in children))
+    return children[-1].ends if kind in SEQUENCES else frozenset()
+
+
 class Ticks:
-    """One tick of a tree in many states: each one's `status`, and the `action` (a leaf's number) begun.
+    """One tick of a tree in many states: each one's `status`, and the `action` (a leaf's number) begun at what `place`.
 
     `unready` is an action that was begun although the hand was not as it must be, NOTHING if there is none. `worked`
     tells of each leaf in the tree whether it is an action that succeeded in any state, `failed` a state in which it
@@ -102,6 +151,7 @@ class Ticks:
         self.layout = layout or world.layout(states)
         self.action = np.full(len(states), NOTHING, dtype=np.intp)
         self.unready = np.full(len(states), NOTHING, dtype=np.intp)
+        self.place = np.full(len(states), NOTHING, dtype=np.intp)
         self.worked = np.zeros(len(program.places), dtype=bool)
         self.failed: dict[int, int] = {}
         self._answers: dict[int, Bools] = {}
@@ -128,7 +178,14 @@ class Ticks:
                 thrown.append(elsewhere)
                 of.append(here[column])
         begun = np.flatnonzero(self.action != NOTHING)
-        return States.joined([States(locations, closed).take(begun), *thrown]), np.concatenate([begun, *of])
+        after, source = States.joined([States(locations, closed).take(begun), *thrown]), np.concatenate([begun, *of])
+        return replace(after, resume=self._resumed_after(source)), source
+
+    def _resumed_after(self, source: Ints) -> Ints | None:
+        """The places after which a tree goes on in the states that some states lead to."""
+        remembered = np.array(sorted(self.program.remembered), dtype=np.intp)
+        places = self.place[source]
+        return np.where(np.isin(places, remembered), places, NOTHING) if len(remembered) else None
 
     def _tick(self, instruction: Instruction, where: Ints) -> tuple[Ints, Ints]:
         """In which of some states a node succeeds, and in which it fails; in the others it runs."""
@@ -137,20 +194,31 @@ class Ticks:
         if instruction.kind in LEAVES:
             return self._leaf(instruction, where)
         if instruction.kind in SEQUENCES:
-            return self._in_turn(instruction.children, where)
+            return self._in_turn(instruction, where)
         if instruction.kind in FALLBACKS:
-            failed, succeeded = self._in_turn(instruction.children, where, otherwise=True)
+            failed, succeeded = self._in_turn(instruction, where, otherwise=True)
             return succeeded, failed
         return self._decorated(instruction, *self._tick(instruction.children[0], where))
 
-    def _in_turn(self, instructions: Sequence[Instruction], where: Ints, otherwise: bool = False) -> tuple[Ints, Ints]:
-        """Where all instructions succeed, and where one fails; `otherwise`, where all fail, and where one succeeds."""
+    def _in_turn(self, instruction: Instruction, where: Ints, otherwise: bool = False) -> tuple[Ints, Ints]:
+        """Where all children succeed, and where one fails; `otherwise`, where all fail, and where one succeeds."""
+        where, later = self._begun(instruction, where)
         ended = []
-        for instruction in instructions:
-            succeeded, failed = self._tick(instruction, where)
+        for number, child in enumerate(instruction.children):
+            where = np.concatenate([where, later[number]]) if number in later else where
+            succeeded, failed = self._tick(child, where)
             where, end = (failed, succeeded) if otherwise else (succeeded, failed)
             ended.append(end)
         return where, np.concatenate(ended)
+
+    def _begun(self, instruction: Instruction, where: Ints) -> tuple[Ints, dict[int, Ints]]:
+        """In which states a node begins at its first child, and, by number, in which it goes on at another."""
+        if not instruction.begins or self.states.resume is None:
+            return where, {}
+        children = np.zeros(len(self.program.places) - NOTHING, dtype=np.intp)
+        children[list(instruction.begins)] = list(instruction.begins.values())
+        numbers = children[self.states.resume[where]]
+        return where[numbers == 0], {number: where[numbers == number] for number in set(instruction.begins.values())}
 
     def _decorated(self, instruction: Instruction, succeeded: Ints, failed: Ints) -> tuple[Ints, Ints]:
         if instruction.kind == "Inverter":
@@ -216,7 +284,7 @@ class Ticks:
         """Begin an action where it can succeed; where it fails."""
         can = self._answer(number)[where]
         begun, failed = where[can], where[~can]
-        self.action[begun] = number
+        self.action[begun], self.place[begun] = number, place
         self.worked[place] |= len(begun) > 0
         if len(failed):
             self.failed[place] = int(failed[0])
@@ -288,7 +356,7 @@ class _Exploration:
 
     def __init__(self, world: AbstractWorld, program: Program, task: Program | None, at_once: bool) -> None:
         self.world, self.program, self.task, self.at_once = world, program, task, at_once
-        self.known = Keys(world)
+        self.known = Keys(world, len(program.places) if program.remembered else 0)
         self.parts: list[States] = []
         self.keys: list[NDArray[Any]] = []
         self.following: list[NDArray[Any]] = []
@@ -393,16 +461,20 @@ class _Exploration:
 
 
 class Keys:
-    """States as sortable keys, exact: one number each where that fits, else bytes; and which of them are known."""
+    """States as sortable keys, exact: one number each where that fits, else bytes; and which of them are known.
 
-    def __init__(self, world: AbstractWorld) -> None:
-        self.sizes = [2, *world.sizes]
+    `places` are so many as states may go on after.
+    """
+
+    def __init__(self, world: AbstractWorld, places: int = 0) -> None:
+        self.remembers = places > 0
+        self.sizes = [2, *world.sizes, *([1 + places] if self.remembers else [])]
         self.fits = math.prod(self.sizes) < 2**62
         self.known: NDArray[Any] | None = None
 
     def of(self, states: States) -> NDArray[Any]:
         """The keys (n,)."""
-        rows = [states.closed, *states.locations]
+        rows = [states.closed, *states.locations, *([states.resumed - NOTHING] if self.remembers else [])]
         if self.fits:
             key = np.zeros(len(states), dtype=np.int64)
             for size, row in zip(self.sizes, rows, strict=True):

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-import numpy as np
-
 from learner.inference.moves import Moves
 from learner.inference.targets import Target
 from learner.inference.understanding import Understanding
-from learner.model.condition import PLACE_RADIUS_M
+from learner.inference.visits import is_correction
 from learner.model.doubt import Doubt
 from learner.regularities.parameters import RegularityParameters
 from learner.regularities.told import doubt, is_regular, share
@@ -21,18 +19,11 @@ WHAT: Final = "visit"
 def visits(understood: Understanding, parameters: RegularityParameters) -> Iterator[Doubt]:
     """A doubt for each place that most demonstrations visit and that the tree passes by."""
     for target in understood.passed:
-        if not _is_correction(target, understood):
+        if not is_correction(target, understood.moves, understood.left_out, understood.parameters):
             yield from _visited(target, understood.left_out.moves, understood, parameters)
     idle = (target for group in understood.groups for target in group.idle)
     for target in (*understood.fleeting, *idle):
         yield from _visited(target, understood.moves, understood, parameters)
-
-
-def _is_correction(target: Target, understood: Understanding) -> bool:
-    """Whether it is near where the object is brought in the end: set down badly, and put right."""
-    here = target.rests.positions.mean(axis=0)
-    ends = (t for t in understood.targets if (t.object, t.frame) == (target.object, target.frame))
-    return any(np.linalg.norm(end.rests.positions.mean(axis=0) - here) < PLACE_RADIUS_M for end in ends)
 
 
 def _visited(

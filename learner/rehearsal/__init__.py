@@ -1,4 +1,4 @@
 """A tree tried before it is published: rehearsed, repaired, proven, replayed with the arm.
 
-stage, goal -> rollouts -> rehearsal -> lessons, arm_replay, users -> trial. Calls go from right to left.
+stage, goal -> visits, rollouts -> rehearsal -> lessons, arm_replay, users -> trial. Calls go from right to left.
 """

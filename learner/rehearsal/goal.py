@@ -22,13 +22,15 @@ Relation = ObjectAt | ObjectRoughlyAt
 @dataclass(frozen=True)
 class Goal:
     """What one group of demonstrations means, in the stage's terms: `relations` that hold together at the end, what
-    is `held` then, how many `actions` an undisturbed run takes, and `meanwhile` the relations that guard others.
+    is `held` then, how many `actions` an undisturbed run takes, `meanwhile` the relations that guard others or are
+    reached on the way, and `stops`: relations reached in the end, each with those that are reached before, in order.
     """
 
     relations: tuple[Relation, ...]
     held: str | None = None
     actions: int = 0
     meanwhile: tuple[Relation, ...] = ()
+    stops: tuple[tuple[Relation, tuple[Relation, ...]], ...] = ()
 
     def reached(self, world: Arena) -> bool:
         """Whether it is, by the truth."""
@@ -64,17 +66,21 @@ class Goal:
 
 def goals_of(groups: Sequence[Group], placements: Mapping[Target, Place | Drop], stage: Stage) -> list[Goal]:
     """The goal of each group."""
-    return [
-        Goal(
-            tuple(on_stage(placements[subgoal.target].achieves, stage) for subgoal in group.subgoals),
-            group.held,
-            2 * sum(len(subgoal.targets()) for subgoal in group.subgoals) + (group.held is not None),
-            tuple(
-                on_stage(placements[t].achieves, stage) for subgoal in group.subgoals for t in subgoal.targets()[:-1]
-            ),
-        )
-        for group in groups
-    ]
+    return [_goal(group, placements, stage) for group in groups]
+
+
+def _goal(group: Group, placements: Mapping[Target, Place | Drop], stage: Stage) -> Goal:
+    def on(target: Target) -> Relation:
+        return on_stage(placements[target].achieves, stage)
+
+    targets = [subgoal.targets() for subgoal in group.subgoals]
+    return Goal(
+        relations=tuple(on(subgoal.target) for subgoal in group.subgoals),
+        held=group.held,
+        actions=2 * sum(map(len, targets)) + (group.held is not None),
+        meanwhile=tuple(on(target) for each in targets for target in each[:-1]),
+        stops=tuple((on(each.target), tuple(map(on, each.stops))) for each in group.subgoals if each.stops),
+    )
 
 
 def on_stage(relation: Relation, stage: Stage) -> Relation:

@@ -25,6 +25,7 @@ from learner.rehearsal.parameters import JudgingParameters
 from learner.rehearsal.rollouts import STEPS_PER_ACTION, Rollout, rollouts
 from learner.rehearsal.share import Share
 from learner.rehearsal.stage import Stage
+from learner.rehearsal.visits import Visits
 from learner.relations.grasping import Grasp
 from learner.relations.knowledge import UNKNOWING, Knowledge
 from learner.simulation.arena import Aftermath, Arena
@@ -203,6 +204,10 @@ class _Course:
     idle: int = 0
     pending: bool = False
 
+    def __post_init__(self) -> None:
+        undisturbed = self.rollout.event is None
+        self.visits = [Visits(goal, self.world) for goal in self.goals] if undisturbed else []
+
     def judgement(self) -> Judgement:
         p = self.parameters
         limit = p.patience * max(goal.actions for goal in self.goals) + p.aside * self.rollout.in_the_way
@@ -224,7 +229,9 @@ class _Course:
     def _tick(self) -> Judgement | None:
         before = len(self.world.attempts)
         status = self.ticker.tick()
-        true = status is Status.SUCCESS and any(goal.reached(self.world) for goal in self.goals)
+        for visits in self.visits:
+            visits.look(self.world)
+        true = status is Status.SUCCESS and self._is_reached()
         working = status is Status.RUNNING or len(self.world.attempts) > before
         self.said = self.said + 1 if status is Status.SUCCESS else 0
         self.true, self.idle = self.true + 1 if true else 0, 0 if working else self.idle + 1
@@ -235,6 +242,11 @@ class _Course:
             return "done"
         idle = self.idle > round(self.parameters.idle_s / PERIOD_S)
         return "no progress" if idle and not self.said else None
+
+    def _is_reached(self) -> bool:
+        """Whether a goal is, and in an undisturbed rollout every object has come to its stops before."""
+        missed = [visits.missed for visits in self.visits] or [False] * len(self.goals)
+        return any(goal.reached(self.world) and not some for goal, some in zip(self.goals, missed, strict=True))
 
     @property
     def hold_steps(self) -> int:

@@ -9,10 +9,10 @@ import pytest
 from support_demonstrations import BASE, TABLE_M, Put, Script, scattered, scripted
 
 from learner.inference.parameters import InferenceParameters
-from learner.inference.questions import questions
 from learner.inference.targets import Target
 from learner.inference.understanding import Understanding, understand
 from learner.model import Demonstration, ObjectShape, Pose, Scene
+from learner.regularities.questions import questions
 
 BIN = ObjectShape((0.25, 0.25, 0.08), "box")
 PARAMETERS = InferenceParameters()

@@ -13,11 +13,11 @@ from learner.inference.chains import orders
 from learner.inference.labels import label_check
 from learner.inference.moves import NONE, moves_of
 from learner.inference.parameters import InferenceParameters
-from learner.inference.questions import questions
 from learner.inference.samples import Samples
 from learner.inference.understanding import Understanding, understand
 from learner.inference.users import agreement, understood_of, understood_without
 from learner.model import Demonstration
+from learner.regularities.questions import questions
 
 PARAMETERS = InferenceParameters()
 NAMES = ["A", "B", "box", "tray"]
