@@ -218,8 +218,12 @@ class CellState:
         return self.answering.find(query, self._answered())
 
     def pick_failed(self, name: str, grasp: Pose) -> None:
-        """A Pick of an object has failed with the end-effector at `grasp` in the object's frame."""
-        if (at := self.pose(name)) is not None:
+        """A Pick of an object has failed with the end-effector at `grasp` in the object's frame.
+
+        Told before `thaw_gripper`: one that began with a closed gripper has tried no grasp.
+        """
+        gripper, _ = self._frozen or (self.gripper, self.held)
+        if gripper != "closed" and (at := self.pose(name)) is not None:
             self.answering.grasping.failed(name, at, grasp)
 
     def _answered(self) -> answering.Seen:

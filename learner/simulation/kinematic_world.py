@@ -314,8 +314,8 @@ class KinematicWorld:
             self._learn_of(now)
 
     def _learn_of(self, ended: _UnderWay) -> None:
-        """A grasp that has failed is not the first to be tried again."""
-        if ended.node.kind == "Pick" and ended.attempt.failure is not None:
+        """A grasp that has failed is not the first to be tried again; with a closed gripper none was tried."""
+        if ended.node.kind == "Pick" and ended.attempt.failure is not None and ended.gripper != "closed":
             word = ended.node.word
             assert isinstance(word, MotionWord)
             self._answering.grasping.failed(word.object, Pose(*self.see(word.object)), word.pose)

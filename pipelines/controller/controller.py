@@ -259,14 +259,14 @@ class CellLeaves:
         return (hand_seen and gripper_seen) or now_s - execution.answered_s > SEEN_AFTER_S
 
     def _end(self, execution: Execution, answer: Answer) -> Status:
-        self._state.thaw_gripper()
         succeeded = answer.status == "success"
         word = execution.node.word
+        if not succeeded and isinstance(word, Motion) and word.type == "Pick" and word.frame == word.object:
+            self._state.pick_failed(word.object, word.pose)
+        self._state.thaw_gripper()
         if succeeded and isinstance(word, Motion) and word.type == "Pick":
             seen = self._state.held == word.object
             self.never_held[word.object] = 0 if seen else self.never_held.get(word.object, 0) + 1
-        elif isinstance(word, Motion) and word.type == "Pick" and word.frame == word.object:
-            self._state.pick_failed(word.object, word.pose)
         if succeeded and execution.node.kind != "SetGripper":
             self.failures_in_a_row = 0
         elif not succeeded:

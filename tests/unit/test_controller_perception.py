@@ -14,9 +14,12 @@ from learner.execution.perception import UNSEEN_NS, CellState, condition_of
 from learner.model.condition import GripperIs, GripperState, InGripper, ObjectAt, ObjectRoughlyAt
 from learner.model.holding import NEAR_M
 from learner.model.pose import Pose, Vector
+from learner.model.query import FindGrasp
 from learner.model.scene import ObjectShape, Scene
 from learner.model.tree import Node, leaf
 from learner.relations.answering import Answering
+from learner.relations.grasping import Grasp
+from learner.relations.knowledge import Knowledge
 
 MS = 1_000_000
 UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)
@@ -269,3 +272,15 @@ def test_a_leaf_and_its_condition_say_the_same(condition) -> None:  # type: igno
 def test_an_action_is_no_condition() -> None:
     with pytest.raises(TreeError, match="SetGripper is no condition"):
         condition_of(Node("SetGripper", (("state", "open"),)))
+
+
+@pytest.mark.parametrize(("gripper", "tried"), [("closed", False), ("open", True)])
+def test_a_pick_that_began_with_a_closed_gripper_has_tried_no_grasp(gripper: GripperState, tried: bool) -> None:
+    grasp = Grasp(Pose((0.0, 0.0, 0.0), UPSIDE_DOWN), object="A")
+    story = Story()
+    story.state = CellState("base", "tool", Answering(Scene({}), Knowledge((grasp,))))
+    story.gripper(gripper).see("A", 0.3)
+    story.state.freeze_gripper()
+    story.state.pick_failed("A", grasp.pose)
+    story.state.thaw_gripper()
+    assert (story.state.find(FindGrasp("A")) is None) is tried

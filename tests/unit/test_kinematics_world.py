@@ -10,8 +10,11 @@ import pytest
 from learner.errors import LearnerError
 from learner.execution.ticking import Status, Ticker
 from learner.model import Drop, GripperIs, InGripper, ObjectAt, ObjectRoughlyAt, ObjectShape, Pick, Place, SetGripper
-from learner.model.tree import Node, leaf, sequence
+from learner.model.pose import Pose
+from learner.model.tree import Node, asked, leaf, sequence
 from learner.model.upright import Spot
+from learner.relations.grasping import Grasp
+from learner.relations.knowledge import Knowledge
 from learner.simulation.gravity import Body
 from learner.simulation.kinematic_world import NOISELESS, Behavior, KinematicWorld, Noise
 
@@ -230,3 +233,17 @@ def test_a_sequence_of_pick_and_place_runs_under_the_ticker() -> None:
             break
         cell.step()
     assert cell.table.on("B") == {"A"}
+
+
+def test_with_a_closed_gripper_no_grasp_is_tried_and_one_that_holds_nothing_is() -> None:
+    grasp, asks = (
+        Grasp(Pose(ORIGIN, DOWN), object="A"),
+        asked("FindGrasp", object="A", position="{p}", orientation="{q}"),
+    )
+    cell = KinematicWorld({"A": CUBE}, {"A": Spot(0.4, 0.1, 0.025, 0.3)}, np.random.default_rng(1), NOISELESS,
+                          knowledge=Knowledge((grasp,)))  # fmt: skip
+    assert do(cell, leaf(SetGripper("closed")), pick("A"), leaf(SetGripper("open")))[1] is Status.FAILURE
+    assert cell.find(asks) is not None
+    cell.behavior = Behavior(failing=1.0)
+    assert do(cell, pick("A")) == [Status.FAILURE]
+    assert cell.find(asks) is None
