@@ -135,12 +135,12 @@ class Told:
         key = f"node_{kind}" + ("_none" if ports.get("object") == "none" else "")
         if key not in SENTENCES:
             return " ".join([kind, *(f"{name}={_shown(value)}" for name, value in sorted(ports.items()))])
-        facts: dict[str, Any] = {name: value for name, value in ports.items() if isinstance(value, str)}
+        facts: dict[str, Any] = {name: value for name, value in ports.items() if not isinstance(value, tuple)}
         if "state" in facts:
             facts["state"] = self._voice(f"gripper_{facts['state']}")
         if isinstance(radius := ports.get("radius"), float):
             facts["radius"] = f"{1000 * radius:.0f}"
-        return self._voice(key, at=_millimetres(ports), **facts)
+        return self._voice(key, **(facts | {"at": _millimetres(ports)}))
 
 
 def _filled(value: Value, values: Values) -> Value:
@@ -149,9 +149,10 @@ def _filled(value: Value, values: Values) -> Value:
 
 
 def _millimetres(ports: Mapping[str, Value]) -> str:
-    position = ports.get("position")
+    """The position of a leaf [mm]; one that is found while the tree runs by its name."""
+    position = ports.get("position", "")
     if not isinstance(position, tuple):
-        return ""
+        return str(position)
     return "(" + ", ".join(str(round(1000 * number)) for number in position) + ")"
 
 

@@ -123,6 +123,31 @@ SENTENCES: Final[Mapping[str, tuple[str, str]]] = {
         "{object} fallen lassen mit der Hand bei {at} mm in {frame}",
     ),
     "node_SetGripper": ("Make the gripper {state}", "Den Greifer {state} stellen"),
+    "node_SignalIs": ("Is the signal {signal} {value}?", "Ist das Signal {signal} gleich {value}?"),
+    "node_SetSignal": ("Set the signal {signal} to {value}", "Das Signal {signal} auf {value} setzen"),
+    "node_FindObject": (
+        "Is there a {kind} to take? It is called {object}",
+        "Gibt es etwas von der Art {kind} zu nehmen? Es heißt {object}",
+    ),
+    "node_CountAt": ("Are there {count} of {kind} at the places?", "Sind {count} von der Art {kind} an den Plätzen?"),
+    "node_FindUpon": (
+        "Does something lie upon {object}? It is called {found}",
+        "Liegt etwas auf {object}? Es heißt {found}",
+    ),
+    "node_FindUnder": (
+        "Does {object} lie upon something? It is called {found}",
+        "Liegt {object} auf etwas? Es heißt {found}",
+    ),
+    "node_FindInTheWay": (
+        "Is something in the way of {object} at {at} mm in {frame}? It is called {found}",
+        "Ist {object} bei {at} mm in {frame} etwas im Weg? Es heißt {found}",
+    ),
+    "node_FindHeld": ("Is something held? It is called {object}", "Wird etwas gehalten? Es heißt {object}"),
+    "node_FindSpot": ("Is there a free spot for {object}?", "Gibt es einen freien Platz für {object}?"),
+    "node_FindGrasp": (
+        "Is there a grasp of {object} that was not tried?",
+        "Gibt es einen Griff für {object}, der nicht versucht ist?",
+    ),
     # understand
     "versions": ("Versions", "Fassungen"),
     "version_line": ("version {version}", "Fassung {version}"),

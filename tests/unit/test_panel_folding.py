@@ -12,6 +12,7 @@ from support_trees import trees
 from learner.model import Definition, GripperIs, InGripper, Node, ObjectAt, SetGripper, Tree
 from learner.model.tree import Value, fallback, leaf, negated, sequence, subtree
 from pipelines.panel.folding import Folding, Line, Told
+from pipelines.panel.goals import destinations, goals_of
 from pipelines.panel.sentences import LANGUAGES, Voice
 
 DOWN = (1.0, 0.0, 0.0, 0.0)
@@ -114,3 +115,14 @@ def test_a_node_that_was_not_known_when_the_sentences_were_written_is_told_with_
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pipelines.panel.folding.LEAVES", {"FindCube": ("kind", "object")})
         assert told.line(line) == "FindCube kind=cube object={found}"
+
+
+@settings(max_examples=50, deadline=None)
+@given(trees())
+def test_the_places_of_any_tree_can_be_drawn(tree: Tree) -> None:
+    goals = goals_of(tree)
+    assert len(destinations(goals, {}, "base")) <= len(goals)
+
+
+def test_the_places_of_a_tree_are_those_of_its_conditions_without_what_recovers() -> None:
+    assert [(goal.object, goal.position) for goal in goals_of(TREE)] == [("A", (0.1, 0.0, 0.0)), ("B", (0.2, 0.0, 0.0))]

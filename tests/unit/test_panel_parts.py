@@ -112,7 +112,7 @@ def test_the_table_writes_any_name_as_text_and_has_a_picture_of_nothing() -> Non
 
 
 def test_destinations_move_with_the_frame_in_which_they_are_known() -> None:
-    goals = [ObjectAt("A", "box", (0.1, 0.0, 0.0), 0.02), ObjectAt("A", "gone", (0.1, 0.0, 0.0), 0.02)]
+    goals = [ObjectAt("A", frame, (0.1, 0.0, 0.0), 0.02) for frame in ("box", "gone", "box@start", "box+gone")]
     (found,) = destinations(goals, {"box": Pose((1.0, 2.0, 0.0))}, "base")
     assert found.at == pytest.approx((1.1, 2.0, 0.0))
 
