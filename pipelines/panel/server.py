@@ -26,6 +26,8 @@ from pipelines.panel.pages.teach import TeachPage
 from pipelines.panel.pages.understand import UnderstandPage
 
 START_S: Final = 20.0
+BUILD_S: Final = 60.0
+"""Patience with reading and unfolding a large tree [s]."""
 END_S: Final = 10.0
 
 
@@ -40,7 +42,7 @@ def with_pages(app: FastAPI, desk: Desk, tokens: Tokens | None = None) -> Guard:
         desk.choice.task = task or desk.choice.task
         TeachPage(desk, voice_of(request), person_of(request))
 
-    @ui.page(PAGES["understand"])
+    @ui.page(PAGES["understand"], response_timeout=BUILD_S)
     async def understand(request: Request, task: str = "", version: str = "") -> None:
         await UnderstandPage.open(desk, voice_of(request), person_of(request), task, version)
 
