@@ -34,7 +34,9 @@ class Light:
 
 def lights_of(sight: Sight, frames: Frames, voice: Voice) -> tuple[Light, ...]:
     """The lights of a moment, the most general first."""
-    return (_recorder(sight, voice), _gripper(sight, voice), *_disk(sight, voice), *_markers(sight, frames, voice))
+    odd = (Light(voice("cell_itself"), sight.oddity, "yellow"),) if sight.oddity else ()
+    told = (_recorder(sight, voice), _gripper(sight, voice), *_disk(sight, voice), *_markers(sight, frames, voice))
+    return (*told, *odd)
 
 
 def _recorder(sight: Sight, voice: Voice) -> Light:

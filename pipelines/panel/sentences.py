@@ -195,6 +195,7 @@ SENTENCES: Final[Mapping[str, tuple[str, str]]] = {
     "outcome_lost": ("{tree}: lost sight of the cell", "{tree}: die Zelle ist nicht mehr zu sehen"),
     # lights
     "recorder": ("Recorder", "Rekorder"),
+    "cell_itself": ("Cell", "Zelle"),
     "silent": ("does not answer", "antwortet nicht"),
     "state_idle": ("ready", "bereit"),
     "state_recording": ("recording", "nimmt auf"),
