@@ -274,3 +274,33 @@ def test_a_reset_world_stands_at_another_start_with_open_empty_hand(world: World
     assert world.gripper.state == "open"
     assert not world.goal.reached
     assert pick(world, "A") == SUCCESS
+
+
+@pytest.fixture
+def resting() -> Iterator[World]:
+    """A on the table, D upon it, E beside; the arm glides, and what lies still sleeps."""
+    start = {
+        "A": Pose((0.5, 0.0, 0.025)),
+        "D": Pose((0.5, 0.0, 0.075)),
+        "E": Pose((0.5, -0.2, 0.025)),
+        "F": Pose((0.6, 0.35, 0.025)),
+        "box": Pose((0.5, -0.5, 0.04)),
+    }
+    with World("tower_and_box", np.random.default_rng(0), Noise(0.0, 0.0), start, glides=True) as world:
+        world.run(1.0)
+        assert world.rest
+        yield world
+
+
+def test_what_sleeps_falls_when_what_carried_it_is_taken_away(resting: World) -> None:
+    resting.put("A", Pose((0.7, 0.1, 0.025)))
+    resting.run(1.0)
+    assert resting.pose_in_base("D").position[2] == pytest.approx(0.025, abs=0.002)
+
+
+def test_what_sleeps_is_met_by_what_is_brought_against_it(resting: World) -> None:
+    x, y, _ = resting.pose_in_base("E").position
+    assert pick(resting, "D") == SUCCESS
+    outcome = place(resting, "D", x, y + 0.03, 0.03)
+    assert outcome.failure is not None
+    assert (outcome.failure.kind, outcome.failure.with_) == ("contact", "E")
