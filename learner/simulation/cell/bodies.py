@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 from learner.errors import LearnerError
 from learner.model import Pose
+from learner.model.pose import Vector
 from learner.simulation.cell.engine import Engine
 from learner.simulation.scenarios import Body
 
@@ -68,6 +69,11 @@ class Bodies:
         self.put(name, Pose((0.0, 0.0, -BELOW_M * (1 + self.names.index(name))), turn))
         self._engine.changeDynamics(self._ids[name], -1, mass=0.0)
         self._away.add(name)
+
+    def position(self, name: str) -> Vector:
+        """The position of an object in the base [m]; sooner than its pose."""
+        position: Vector = self._engine.getBasePositionAndOrientation(self._ids[name])[0]
+        return position
 
     def put(self, name: str, pose: Pose) -> None:
         """Let an object stand at a pose at once, without motion."""

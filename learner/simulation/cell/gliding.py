@@ -58,7 +58,7 @@ class Gliding:
         """Whether a body may come within the hand's width of (x, y) and up to a height."""
         kind = self._bodies.kinds[name]
         length, width, height = kind.size_m
-        bx, by, bz = self._bodies.pose(name).position
+        bx, by, bz = self._bodies.position(name)
         beside = math.hypot(bx - x, by - y) < HAND_M + CLEARANCE_M + math.hypot(length, width) / 2
         # A little thing may lie on another side; a wide one stands.
         upwards = max(length, width, height) if kind.graspable else height
