@@ -225,4 +225,4 @@ class Absence:
 
 
 def _served() -> bool:
-    return is_ready(os.environ["PREFECT_API_URL"])
+    return is_ready(os.environ["PREFECT_API_URL"], patience_s=GONE_S)

@@ -114,9 +114,9 @@ def answers(url: str) -> bool:
     return _answer(f"{url}/health") is True
 
 
-def is_ready(url: str) -> bool:
-    """Whether it answers and reaches its database."""
-    return _answer(f"{url}/ready") is not None
+def is_ready(url: str, patience_s: float = ANSWER_S) -> bool:
+    """Whether it answers and reaches its database. Where nobody listens that is known at once."""
+    return _answer(f"{url}/ready", patience_s) is not None
 
 
 def is_deployed(home: Home, url: str) -> bool:
@@ -163,10 +163,10 @@ def _open(request: str | urllib.request.Request, timeout_s: float) -> Any:
     return _DIRECT.open(request, timeout=timeout_s) if local else urllib.request.urlopen(request, timeout=timeout_s)
 
 
-def _answer(url: str) -> object | None:
+def _answer(url: str, patience_s: float = ANSWER_S) -> object | None:
     """The JSON at `url`; None where nothing or an error answers."""
     try:
-        with _open(url, ANSWER_S) as response:
+        with _open(url, patience_s) as response:
             document: object = json.loads(response.read())
             return document
     except (urllib.error.URLError, OSError, ValueError):
