@@ -7,6 +7,7 @@ import ctypes
 import json
 import os
 import queue
+import re
 import select
 import shutil
 import signal
@@ -23,6 +24,8 @@ from pipelines.errors import CommandError
 PATIENCE_S: Final = 15.0
 """How long a child may take to end after it was asked to; then it is killed."""
 LONG_LOG_BYTES: Final = 8 << 20
+_AN_ERROR: Final = re.compile(r"[\w.]*(Error|Exception): ")
+"""Begins the last line of what Python tells of an exception."""
 _PR_SET_PDEATHSIG: Final = 1
 _LIBC: Final = ctypes.CDLL(None)
 
@@ -56,6 +59,7 @@ class Child:
     def __enter__(self) -> Self:
         self.log.parent.mkdir(parents=True, exist_ok=True)
         with self.log.open("ab") as log:
+            self._begun_at = log.tell()
             self._process = subprocess.Popen(
                 self._command,
                 env=self._environment,
@@ -159,9 +163,20 @@ class Child:
         self._lines.put(None)
 
     def _obituary(self) -> str:
-        words = self.log.read_text(errors="replace").split("\n")
-        last = next((line.strip() for line in reversed(words) if line.strip()), "it said nothing")
+        """With the last error that it told in this life, else its last words."""
+        said = [line.strip() for line in self._said().splitlines() if line.strip()]
+        last = next(
+            iter([line for line in reversed(said) if _AN_ERROR.match(line)] or reversed(said)), "it said nothing"
+        )
         return f"the {self.name} ended with exit code {self.code}: {last} (see {self.log})"
+
+    def _said(self) -> str:
+        """What it wrote to its log."""
+        if not self.log.exists():
+            return ""
+        written = self.log.read_bytes()
+        # A log that was moved aside since begins anew.
+        return written[self._begun_at if self._begun_at <= len(written) else 0 :].decode(errors="replace")
 
 
 def _end_with_parent() -> None:

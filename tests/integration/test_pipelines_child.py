@@ -43,6 +43,20 @@ def test_one_that_ends_before_it_speaks_is_told_with_its_last_words(tmp_path: Pa
         child.hear(30)
 
 
+def test_of_one_that_says_good_bye_the_error_is_told_and_none_of_an_earlier_life(tmp_path: Path) -> None:
+    good_bye = "import atexit, sys; atexit.register(lambda: print('Stopped!', file=sys.stderr)); "
+    with (
+        python(f"{good_bye} raise ValueError('the oven is broken')", tmp_path) as child,
+        pytest.raises(ChildFailedError, match=r"exit code 1: ValueError: the oven is broken \(see"),
+    ):
+        child.hear(30)
+    with (
+        python(f"{good_bye} sys.exit(2)", tmp_path) as child,
+        pytest.raises(ChildFailedError, match=r"exit code 2: Stopped! \(see"),
+    ):
+        child.hear(30)
+
+
 def test_one_that_is_silent_is_not_waited_for_forever(tmp_path: Path) -> None:
     with (
         python("import time; time.sleep(60)", tmp_path) as child,
