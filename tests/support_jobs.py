@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 
 from pipelines.errors import TakenError
+from pipelines.flows.worker import tell_news
 
 
 def echo(word: str) -> str:
     """The word, and who says it."""
     return f"{word} {os.getpid()}"
+
+
+def tell_and_wait(file: str) -> str:
+    """Tell news, and be done once there is a file."""
+    tell_news()
+    while not Path(file).exists():
+        time.sleep(0.01)
+    return "done"
 
 
 def fail() -> str:

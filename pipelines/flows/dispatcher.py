@@ -43,7 +43,7 @@ class Dispatcher:
     def __init__(self, home: Home, period_s: float, learners: int) -> None:
         self.home, self.period_s = home, period_s
         self._worker = Worker("ingest")
-        self._learners = Learners(home, learners, self._learned)
+        self._learners = Learners(home, learners, self._changed)
         self._told: queue.SimpleQueue[Path | None] = queue.SimpleQueue()
         self._left: dict[Path, FileState | None] = {}
         self._begun, self._stop = threading.Event(), threading.Event()
@@ -108,7 +108,8 @@ class Dispatcher:
     def _ingest(self, files: list[Path]) -> None:
         if not files and self._unsettled() == self._left:
             return
-        sentence = done(self._worker, ingest_files, str(self.home.root), [str(file) for file in files])
+        arguments = str(self.home.root), [str(file) for file in files]
+        sentence = done(self._worker, ingest_files, *arguments, news=self._changed)
         LOG.info("ingest: %s", sentence)
         if not files:
             # What was looked at and is left, such as a lone part of a split demonstration, is no news.
@@ -117,10 +118,13 @@ class Dispatcher:
     def _unsettled(self) -> dict[Path, FileState | None]:
         return unsettled(self.home, open_lake(self.home))
 
-    def _learned(self) -> None:
-        """A task came to an end: it may have changed meanwhile."""
-        if not self._stop.is_set():
-            self._learn_changed()
+    def _changed(self) -> None:
+        """Something is in the lake, or a task came to an end, which may have changed meanwhile."""
+        try:
+            if not self._stop.is_set():
+                self._learn_changed()
+        except Exception:  # noqa: BLE001  # the lake does not answer, say; the next look tries again
+            LOG.exception("it was not found out what changed")
 
     def _learn_changed(self) -> None:
         for task in changed_tasks(self.home, open_lake(self.home)):
@@ -129,7 +133,7 @@ class Dispatcher:
 
 class Learners:
     """Threads that learn one task each in a process of their own, from entering to leaving the context; `done` is
-    called after each.
+    called after each, and must not raise.
     """
 
     def __init__(self, home: Home, count: int, done: Callable[[], None]) -> None:
@@ -193,20 +197,17 @@ class Learners:
             if not learned:
                 self._failures[task] = count + 1, time.monotonic()
         if learned:
-            self._look_again()
-
-    def _look_again(self) -> None:
-        try:
             self._done()
-        except Exception:  # noqa: BLE001  # the lake does not answer, say; the next look tries again
-            LOG.exception("it was not found out what changed")
 
 
-def done(worker: Worker, job: Job, *arguments: Any) -> str:
-    """What a job returns: in a flow while a server answers, else without. Raises JobFailedError."""
+def done(worker: Worker, job: Job, *arguments: Any, news: Callable[[], None] = lambda: None) -> str:
+    """What a job returns: in a flow while a server answers, else without; `news` as for the worker.
+
+    Raises JobFailedError.
+    """
     if _served():
         try:
-            return worker.do(job, *arguments, True, hopeless=Absence())
+            return worker.do(job, *arguments, True, hopeless=Absence(), news=news)
         except JobGivenUpError as error:
             LOG.warning("the Prefect server does not answer any more; %s is done again without a flow", error)
     return worker.do(job, *arguments, False)

@@ -11,6 +11,7 @@ from prefect.runtime import flow_run
 from pipelines.flows.patience import PATIENT
 from pipelines.flows.shown import show_ingested
 from pipelines.flows.tagged import tag_run
+from pipelines.flows.worker import tell_news
 from pipelines.home import Home
 from pipelines.steps.ingest import IngestResult, ingest
 from pipelines.steps.stores import open_lake
@@ -25,6 +26,8 @@ def _run_name() -> str:
 def ingest_flow(root: str, files: Sequence[str] = ()) -> IngestResult:
     """Ingest `files`, or whatever is new below the data root."""
     result = ingest_recordings(root, files)
+    # What is in the lake can be learned from while the rest is shown.
+    tell_news()
     tag_run(tags_of(result))
     show_ingested(result)
     return result

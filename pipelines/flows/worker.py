@@ -20,6 +20,10 @@ Job = Callable[..., str]
 """A function of a module, for the process imports it; what it returns is a sentence."""
 
 
+Answer = tuple[bool, str]
+"""Whether a job was done, and a sentence."""
+
+
 class JobFailedError(Exception):
     """A job raised, or its process died: a sentence. What was not published can be done again."""
 
@@ -53,24 +57,39 @@ class Worker:
     ) -> None:
         self._end()
 
-    def do(self, job: Job, *arguments: Any, hopeless: Callable[[], bool] = lambda: False) -> str:
-        """What the job returns. Raises JobFailedError, and JobGivenUpError once `hopeless`, which is asked now and
-        then, says so; either way the next job finds a process that works.
+    def do(
+        self,
+        job: Job,
+        *arguments: Any,
+        hopeless: Callable[[], bool] = lambda: False,
+        news: Callable[[], None] = lambda: None,
+    ) -> str:
+        """What the job returns; `news`, which must not raise, is called each time that it tells news.
+
+        Raises JobFailedError, and JobGivenUpError once `hopeless`, which is asked now and then, says so; either way the
+        next job finds a process that works.
         """
         pipe = self._pipe_to_process()
         try:
             pipe.send((job, arguments))
-            while not pipe.poll(LOOK_S):
-                if hopeless():
-                    self._end()
-                    raise JobGivenUpError(f"{job.__name__} in {self.name}")
-            done, sentence = pipe.recv()
+            while (answer := self._answer(pipe, job, hopeless)) is None:
+                news()
         except (EOFError, OSError):
             code = self._end()
             raise JobFailedError(f"its process ended with exit code {code} in the middle") from None
+        done, sentence = answer
         if not done:
             raise JobFailedError(sentence)
-        return str(sentence)
+        return sentence
+
+    def _answer(self, pipe: Connection, job: Job, hopeless: Callable[[], bool]) -> Answer | None:
+        """What the process says next: None for news, else what came of the job."""
+        while not pipe.poll(LOOK_S):
+            if hopeless():
+                self._end()
+                raise JobGivenUpError(f"{job.__name__} in {self.name}")
+        answer: Answer | None = pipe.recv()
+        return answer
 
     def _pipe_to_process(self) -> Connection:
         if self._process is None or not self._process.is_alive():
@@ -94,9 +113,20 @@ class Worker:
         return code
 
 
+_OUR_END: list[Connection] = []
+"""In the process: its end of the pipe. Empty elsewhere."""
+
+
+def tell_news() -> None:
+    """In a job: tell whoever waits for it that what others wait for is there. Nothing where no worker does the job."""
+    for pipe in _OUR_END:
+        pipe.send(None)
+
+
 def _work(pipe: Connection) -> None:
     """In the process: do what is told until nobody is there to tell."""
     log.begin()
+    _OUR_END.append(pipe)
     while True:
         try:
             job, arguments = pipe.recv()
@@ -105,8 +135,8 @@ def _work(pipe: Connection) -> None:
         pipe.send(_done(job, arguments))
 
 
-def _done(job: Job, arguments: tuple[Any, ...]) -> tuple[bool, str]:
-    """Whether the job was done, and a sentence: an exception would not always survive the way back."""
+def _done(job: Job, arguments: tuple[Any, ...]) -> Answer:
+    """What came of it; a sentence, for an exception would not always survive the way back."""
     begun_s = time.monotonic()
     try:
         return True, job(*arguments)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from support_jobs import die, echo, fail, hang
+from support_jobs import die, echo, fail, hang, tell_and_wait
 
 from pipelines.flows.worker import JobFailedError, JobGivenUpError, Worker
 
@@ -21,6 +22,11 @@ def test_the_same_process_does_one_job_after_another(worker: Worker) -> None:
     first, second = worker.do(echo, "a").split(), worker.do(echo, "b").split()
     assert (first[0], second[0]) == ("a", "b")
     assert first[1] == second[1] != str(os.getpid())
+
+
+def test_news_are_told_while_the_job_goes_on(worker: Worker, tmp_path: Path) -> None:
+    file = tmp_path / "heard"
+    assert worker.do(tell_and_wait, str(file), news=file.touch) == "done"
 
 
 def test_what_a_job_raises_comes_back_as_a_sentence_and_the_process_goes_on(worker: Worker) -> None:
