@@ -65,7 +65,8 @@ def test_a_recorder_that_ends_and_comes_back_is_told_and_takes_presses_again(ben
 
 
 def test_poses_are_known_by_name_and_the_hand_is_no_object(bench: Bench) -> None:
-    wait_for(lambda: bench.show(tool0=(0.5, 0.0, 0.3), A=(0.4, 0.1, 0.0)) or bool(bench.watch.now().poses))
+    wait_for(lambda: bench.show(tool0=(0.5, 0.0, 0.3), A=(0.4, 0.1, 0.0)) or bench.watch.now().gripper is not None)
+    wait_for(lambda: len(bench.watch.now().poses) == 2)
     sight = bench.watch.now()
     assert sight.objects(Frames()) == ("A",)
     assert sight.poses["A"].position == pytest.approx((0.4, 0.1, 0.0))
