@@ -105,9 +105,10 @@ def _demonstrations(target: Target, understood: Understanding) -> set[int]:
 
 
 def _strange_at(target: Target, understood: Understanding) -> list[int]:
-    """The moves that no target explains and that end where a target of another object is."""
+    """The moves that no target explains, and that end where a target of another object is that is not brought there."""
     moves, strange = understood.moves, np.array(understood.strange, dtype=np.intp)
-    others = strange[~moves.put_back[strange] & (moves.object[strange] != target.object)]
+    free = ~np.isin(moves.demonstration[strange], list(_demonstrations(target, understood)))
+    others = strange[free & ~moves.put_back[strange] & (moves.object[strange] != target.object)]
     if not len(others):
         return []
     away = moves.releases(others).rest(target.frame).positions - target.rests.positions.mean(axis=0)

@@ -43,7 +43,8 @@ def questions_on(actions: LearnedActions, parameters: RegularityParameters) -> l
     return [
         _question(target)
         for target in _any_way_round(actions)
-        if _chance(target, len(target.members), actions) < parameters.chance
+        if _is_first(target, actions)
+        and _chance(target, len(target.members), actions) < parameters.chance
         and _agreeing(target, target.rests, actions).all()
         and _began(target, actions).all()
     ]
@@ -66,6 +67,14 @@ def _any_way_round(actions: LearnedActions) -> Iterator[Target]:
         turned = isinstance(placement, Place) and placement.turned is None and target.supported
         if turned and target.object in known and known[target.object].symmetry not in SQUARE:
             yield target
+
+
+def _is_first(target: Target, actions: LearnedActions) -> bool:
+    """Whether the object is taken there from where it stood at the start."""
+    moves, members = actions.moves, np.array(target.members)
+    own = np.flatnonzero(moves.object == target.object)
+    _, firsts = np.unique(moves.demonstration[own], return_index=True)
+    return bool(np.isin(members, own[firsts]).all())
 
 
 def _began(target: Target, actions: LearnedActions) -> Mask:

@@ -100,6 +100,15 @@ def test_parts_that_look_alike_and_change_places_are_doubted_or_asked_about(coun
     assert len(noted) < count
 
 
+def test_a_place_that_two_use_one_after_the_other_is_no_exchange() -> None:
+    def made(start: Start, number: int, rng: np.random.Generator) -> Script:
+        beside = (0.0, 0.12, 0.0)
+        return [Put("A", "C", beside), Put("C", "A", beside), Put("B", "C", beside)]
+
+    found = learned(CUBES, made, 4)
+    assert "kind" not in {doubt.what for doubt in found.doubts}
+
+
 def elsewhere_in(which: Sequence[int]) -> Made:
     def made(start: Start, number: int, rng: np.random.Generator) -> Script:
         return [Put("A", "B" if number in which else "tray", (0.0, 0.0, 0.05), yaw=turned(rng))]
@@ -145,3 +154,12 @@ def test_an_orientation_that_nobody_had_to_change_is_asked_about() -> None:
     assert found.doubts == ()
     (question,) = found.report["questions"]
     assert question["show"] == "turn B before you begin"
+
+
+def test_an_orientation_that_a_step_before_gave_is_not() -> None:
+    def made(start: Start, number: int, rng: np.random.Generator) -> Script:
+        first = Put("B", "tray", (0.0, 0.0, 0.03), yaw=0.4)
+        return [first, Put("A", "tray", (0.1, 0.0, 0.035)), Put("B", "tray", (-0.1, 0.0, 0.03), yaw=0.4)]
+
+    found = learned({"A": CUBE, "B": PART, "tray": TRAY}, made, 5)
+    assert not any("turn B" in question["sentence"] for question in found.report["questions"])
