@@ -21,7 +21,7 @@ from pipelines.flows.jobs import ingest_files, learn_changed_task, warm_up
 from pipelines.flows.log import LOG
 from pipelines.flows.worker import Job, JobFailedError, JobGivenUpError, Worker
 from pipelines.home import Home
-from pipelines.service.prefect_server import is_ready
+from pipelines.service.prefect_server import START_S, is_ready
 from pipelines.steps.changes import changed_tasks
 from pipelines.steps.ingest import unsettled
 from pipelines.steps.stores import open_lake
@@ -29,7 +29,7 @@ from storage.judged import FileState
 
 PATIENCE_S: Final = (0.0, 10.0, 60.0, 600.0, 3600.0)
 """A task that could not be learned is tried again no sooner than so long after its first, second, … failure [s]."""
-COMES_UP_S: Final = 60.0
+COMES_UP_S: Final = 1.5 * START_S
 """A server that is coming up is waited for so long [s], unless somebody knows better."""
 GONE_S: Final = 15.0
 """A flow whose server has not answered for so long is given up [s]; Prefect itself would wait for hours."""

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from pipelines.service.serve import Settings
 
 POLL_S: Final = 0.25
+BEGIN: Final = {"begin": True}
+"""Tells the process of the flows to wait no longer for a server that is coming up."""
 RECORDER_EVENTS: Final = "treewright/*/recorder/events"
 
 
@@ -42,6 +44,8 @@ class Flows:
         self.home, self.settings, self._tell = home, settings, tell
         self._stack = ExitStack()
         self._runner: Keeper | None = None
+        self._settled = threading.Event()
+        """The server is up, or will not be soon."""
 
     def __enter__(self) -> Self:
         return self
@@ -64,7 +68,8 @@ class Flows:
         self._stack.callback(subscriber.undeclare)
         if server is not None:
             server.wait(stop)
-        runner.send({"begin": True})
+        self._settled.set()
+        runner.send(BEGIN)
         runner.wait(stop)
         deadline_s = time.monotonic() + START_S
         while is_ready(url) and not is_deployed(self.home, url) and time.monotonic() < deadline_s:
@@ -103,16 +108,19 @@ class Flows:
 
     def _start_runner(self, url: str, store_url: str) -> Keeper:
         period_s, learners = self.settings.period_s, self.settings.learners
-        return self._kept(lambda: flow_runner(self.home, url, store_url, period_s, learners, os.environ), _Warm().says)
+        return self._kept(
+            lambda: flow_runner(self.home, url, store_url, period_s, learners, os.environ), _Warm(self._settled).says
+        )
 
     def _kept(self, make: Callable[[], Child], ready: Callable[[Child], bool]) -> Keeper:
         return self._stack.enter_context(Keeper(make, ready, self._tell, START_S))
 
 
 class _Warm:
-    """Whether a process of the flows has said that it is ready."""
+    """Whether a process of the flows has said that it is ready; one that comes later need not wait for a server."""
 
-    def __init__(self) -> None:
+    def __init__(self, settled: threading.Event) -> None:
+        self._settled = settled
         self._child: Child | None = None
 
     def says(self, child: Child) -> bool:
@@ -120,4 +128,6 @@ class _Warm:
         while not child.silent:
             if child.hear(1.0).get("ready"):
                 self._child = child
+                if self._settled.is_set():
+                    child.tell(BEGIN)
         return self._child is child
