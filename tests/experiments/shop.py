@@ -20,6 +20,8 @@ from learner.learned import Learned
 from learner.learning import learn
 from learner.model import Demonstration, Node, Scene
 from learner.observation import observe
+from learner.relations.grasping import Grasp
+from learner.relations.knowledge import Knowledge
 from learner.simulation.gravity import Body, Spot
 from learner.simulation.kinematic_world import PERIOD_S, WORKSPACE_M, KinematicWorld, Noise
 from pipelines.steps.gate import reasons_against
@@ -114,7 +116,8 @@ def compute_shop(cell: ShopCell) -> Result:
     return {
         **asdict(cell), **_told(learned), "seconds": round(seconds, 2), "nodes": learned.tree.nodes,
         "recovery": root.size - learned.tree.nodes,
-        "calm": _verdicts(task, root, cell, False), "disturbed": _verdicts(task, root, cell, True),
+        "calm": _verdicts(task, root, cell, False, learned.grasps),
+        "disturbed": _verdicts(task, root, cell, True, learned.grasps),
     }  # fmt: skip
 
 
@@ -128,20 +131,23 @@ def _told(learned: Learned) -> Result:
     }
 
 
-def _verdicts(task: ShopTask, root: Node, cell: ShopCell, disturbed: bool) -> Counter[str]:
+def _verdicts(task: ShopTask, root: Node, cell: ShopCell, disturbed: bool, grasps: Sequence[Grasp]) -> Counter[str]:
     """How often each verdict came."""
     seeds = ([cell.number, number, int(disturbed)] for number in range(cell.runs))
-    return Counter(run_shop(task, root, np.random.default_rng([7, *seed]), disturbed) for seed in seeds)
+    return Counter(run_shop(task, root, np.random.default_rng([7, *seed]), disturbed, grasps) for seed in seeds)
 
 
-def run_shop(task: ShopTask, root: Node, rng: np.random.Generator, disturbed: bool = False) -> str:
+def run_shop(
+    task: ShopTask, root: Node, rng: np.random.Generator, disturbed: bool = False, grasps: Sequence[Grasp] = ()
+) -> str:
     """One run from a start in which the task can be done and is not; the verdict as in `runner`."""
     while True:
         start = start_of(task, rng, strangers=True)
         own = {name: spot for name, spot in start.items() if name in task.objects}
         script = task.script(own, rng)
         if is_possible(task, own, script) and not task.done(Course(start, start)):
-            return _Run(task, root, start, len(script), rng, disturbed).verdict()
+            knowledge = Knowledge.of(root, grasps)
+            return _Run(task, root, start, len(script), rng, disturbed, knowledge).verdict()
 
 
 @dataclass
@@ -154,13 +160,14 @@ class _Run:
     moves: int
     rng: np.random.Generator
     disturbed: bool
+    knowledge: Knowledge
     rested: list[tuple[str, Mapping[str, Spot]]] = field(default_factory=list)
 
     def verdict(self) -> str:
         """Tick until the tree says SUCCESS for a second, or has had three times the actions of the script and four."""
         bodies: dict[str, Body] = {**self.task.objects, **self.task.strangers}
         noise = Noise() if self.task.accuracy_m is None else Noise(self.task.accuracy_m, FINE_RAD)
-        world = KinematicWorld(bodies, self.start, self.rng, noise)
+        world = KinematicWorld(bodies, self.start, self.rng, noise, knowledge=self.knowledge)
         ticker, limit, said, held = Ticker(self.root, world), 6 * self.moves + 4, 0, world.held
         due = int(self.rng.integers(1, 2 * self.moves * STEPS_PER_ACTION)) if self.disturbed else -1
         for step in range(2 * limit * STEPS_PER_ACTION):
