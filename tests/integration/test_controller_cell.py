@@ -328,6 +328,7 @@ def test_a_cell_without_an_object_or_a_frame_is_refused_by_name(bench: Bench) ->
     ):
         job.await_cell(link, bench.stop, limit_s=1.0)
     bench.cell.hidden = {"A"}
+    time.sleep(0.2)  # what was under way has arrived
     with bench.link(job) as link, pytest.raises(CellRefusedError, match="lacks the object 'A'"):
         job.await_cell(link, bench.stop, limit_s=1.0)
     assert not bench.cell.requests

@@ -64,10 +64,11 @@ class Onlooker:
         answer: dict[str, Any] = json.loads(bytes(reply.ok.payload))
         return answer
 
-    def until(self, action: str) -> None:
+    def until(self, **told: str) -> None:
+        """Until something was told in which these fields are so."""
         end_s = time.monotonic() + 20
-        while not any(each["action"] == action for each in self.heard):
-            assert time.monotonic() < end_s, f"{action} never was under way"
+        while not any(told.items() <= each.items() for each in list(self.heard)):
+            assert time.monotonic() < end_s, f"{told} was never told"
             time.sleep(0.01)
 
 
@@ -127,7 +128,7 @@ def test_who_comes_later_is_told_everything(run: Run) -> None:
     onlooker = Onlooker(run.session)
     run.cell.speed_m_s = 0.05
     run.start()
-    onlooker.until("Pick A in A")
+    onlooker.until(action="Pick A in A")
     now = onlooker.ask("now")
     ticked = {index: status for index, status in onlooker.nodes.items() if status}
     assert now["nodes"] == ticked
@@ -146,8 +147,8 @@ def test_anybody_on_the_network_ends_it_and_the_skill_under_way_is_cancelled(run
     onlooker = Onlooker(run.session)
     run.cell.speed_m_s = 0.05
     running = run.start()
-    onlooker.until("Pick A in A")
+    onlooker.until(action="Pick A in A")
     assert onlooker.ask("stop") == {"stopping": True}
     assert running.result(10).outcome == "stopped"
     assert len(run.cell.cancelled) == 1
-    assert onlooker.heard[-1]["outcome"] == "stopped"
+    onlooker.until(outcome="stopped")
