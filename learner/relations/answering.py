@@ -110,14 +110,16 @@ class _Search:
                 return _posed(None if at is None else self.asked.grasping.next(name, at))
 
     def _object(self, word: FindObject) -> str | None:
-        """Of several the one held, then one that nothing lies upon, then the nearest to the hand, then by name."""
+        """Of several the one held, then one that nothing lies upon, then the nearest to the hand, then by name.
+
+        What is held lies nowhere, wherever the hand carries it.
+        """
         seen, at = self.seen, self.asked._at
+        lying = [name for name in self.asked._of_kind(word.kind, seen) if name != seen.held]
         fitting = [
-            name
-            for name in self.asked._of_kind(word.kind, seen)
-            if not at(name, word.not_at, seen) and (at(name, word.at, seen) if word.at else True)
-            if not (word.at and name == seen.held)
+            name for name in lying if not at(name, word.not_at, seen) and (at(name, word.at, seen) if word.at else True)
         ]
+        fitting += [seen.held] if seen.held in self.asked._of_kind(word.kind, seen) and not word.at else []
         return min(fitting, key=self._rank, default=None)
 
     def _rank(self, name: str) -> tuple[bool, bool, float, str]:

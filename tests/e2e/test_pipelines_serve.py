@@ -145,7 +145,13 @@ def test_prefect_shows_clusters_goals_tree_timings_and_quarantine(served: Served
 def test_prefect_shows_each_stage_as_a_task_that_says_what_came_out(served: Served) -> None:
     (first, *_) = served.ask_prefect("/flow_runs/filter", {"flows": {"name": {"any_": ["learn"]}}})
     assert first["name"] == f"learn {TASK}"
-    assert {f"task:{TASK}", "cell:bench", "user:u1"} <= set(first["tags"])
+    tags = {f"task:{TASK}", "cell:bench", "user:u1"}
+    wait_until(
+        lambda: (
+            tags
+            <= set(served.ask_prefect("/flow_runs/filter", {"flow_runs": {"id": {"any_": [first["id"]]}}})[0]["tags"])
+        )
+    )
     of_run = {"flow_runs": {"id": {"any_": [first["id"]]}}}
     wait_until(lambda: len(served.ask_prefect("/task_runs/filter", of_run)) >= len(STAGES))
     tasks = {run["name"].rsplit("-", 1)[0]: run for run in served.ask_prefect("/task_runs/filter", of_run)}

@@ -113,6 +113,7 @@ def test_an_object_of_a_kind_is_the_one_held_then_one_that_is_free_then_the_near
     assert asked.find(anywhere, seen(**lying, A=(0.45, 0.0, 0.075))) == {"object": "s2"}
     assert asked.find(anywhere, seen(held="s2", **lying)) == {"object": "s2"}
     assert asked.find(anywhere, seen(s1=(0.8, 0.42, 0.3))) is None
+    assert asked.find(anywhere, seen(held="s1", s1=(0.8, 0.42, 0.3))) == {"object": "s1"}
     at = FindObject("screw", (Site("base", (0.6, 0.0, 0.025), 0.03),), ())
     assert asked.find(at, seen(**lying)) == {"object": "s2"}
     assert asked.find(at, seen(held="s2", **lying)) is None
