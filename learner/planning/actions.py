@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from copy import copy
 from itertools import permutations
 
 import numpy as np
@@ -33,12 +32,6 @@ class LearnedActions:
         self.grasps = {name: self._grasp(name) for name in self.axes}
         self.nearest_m = nearest_rests_m(moves, targets, parameters.same_rest_m)
         self.placements: Mapping[Target, Place | Drop] = {target: self._placement(target) for target in targets}
-
-    def with_placements(self, placements: Mapping[Target, Place | Drop]) -> LearnedActions:
-        """The same actions with other placements of some targets."""
-        other = copy(self)
-        other.placements = {**self.placements, **placements}
-        return other
 
     def pick(self, name: str) -> Pick:
         """The mean grasp of an object, in its own frame."""

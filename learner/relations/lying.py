@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -103,10 +103,9 @@ class Lying:
         entered = shape.open and block.covers(room.spot.x, room.spot.y) and room.bottom < block.top - seen_m
         return rises and not entered
 
-    def distance_m(self, x: float, y: float, without: Sequence[str] = ()) -> float:
+    def distance_m(self, x: float, y: float) -> float:
         """From a point of the base to the nearest outline [m]."""
-        others = (block for name, block in self.blocks.items() if name not in without)
-        return min((_away_m(block, x, y) for block in others), default=float("inf"))
+        return min((_away_m(block, x, y) for block in self.blocks.values()), default=float("inf"))
 
 
 def _share(one: Block, other: Block) -> bool:

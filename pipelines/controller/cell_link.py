@@ -21,10 +21,11 @@ from google.protobuf.message import DecodeError
 from learner.errors import ModelError
 from learner.execution.perception import CellState
 from learner.model.pose import Pose
-from learner.model.query import signal_of
 from learner.model.stamps import Timeline
 from learner.model.vocabulary import ACTIONS
 from pipelines.errors import UnreachableError
+from recorder.errors import PayloadError
+from recorder.wire import parse_signal
 
 REPLY_LIMIT_S: Final = 600.0
 """A skill that has not answered after this long [s] never will."""
@@ -159,12 +160,9 @@ class CellLink:
 
     def _take_signal(self, name: str, arrived_ns: int, payload: bytes) -> None:
         try:
-            sample = json.loads(payload)
-            stamp_ns, value = int(sample["stamp_ns"]), signal_of(json.dumps(sample["value"]))
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError, ModelError):
-            self._complain(
-                f"a message on {SIGNALS}{name} without stamp_ns and a value that is true, a number or a text"
-            )
+            stamp_ns, value = parse_signal(payload)
+        except PayloadError as error:
+            self._complain(f"a message on {SIGNALS}{name} that {error}")
             return
         for moved_ns, each in self._timeline.take(f"{SIGNALS}{name}", stamp_ns, arrived_ns, value):
             self.state.update_signal(name, moved_ns, each)

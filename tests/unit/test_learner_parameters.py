@@ -88,19 +88,6 @@ def test_what_was_learned_says_by_which_numbers(board: list[Demonstration]) -> N
     assert [learn(board, wanted, method).parameters for method in ("treewright", "paper")] == [wanted, wanted]
 
 
-def test_another_placement_makes_other_actions_and_leaves_the_first_ones_as_they_are(
-    board: list[Demonstration],
-) -> None:
-    draft = Draft(understand(board, PARAMETERS.inference), PARAMETERS.planning, {})
-    first = draft.actions
-    target, *others = first.placements
-    before = dict(first.placements)
-    second = first.with_placements({target: replace(before[target], radius=0.011)})
-    assert dict(first.placements) == before
-    assert second.placements[target] == replace(before[target], radius=0.011)
-    assert [second.placements[other] for other in others] == [before[other] for other in others]
-
-
 @pytest.fixture(scope="module")
 def usual(board: list[Demonstration]) -> Learned:
     return learn(board, PARAMETERS, rehearsed=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -116,9 +117,9 @@ def test_a_tree_that_can_do_nothing_makes_no_progress() -> None:
 
 
 def _out_of_reach(draft: Draft, targets: Mapping[Target, str]) -> Tree:
-    actions = draft.actions.with_placements(
-        {target: replace(draft.placements[target], position=(9.0, 9.0, 0.1)) for target in targets}
-    )
+    actions = copy(draft.actions)
+    far = {target: replace(draft.placements[target], position=(9.0, 9.0, 0.1)) for target in targets}
+    actions.placements = {**draft.placements, **far}
     return tree_of("far", draft.understood.groups, actions, draft.recovery(actions))
 
 
